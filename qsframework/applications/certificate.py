@@ -7,22 +7,22 @@ them; conformity by the rule that the holder of the certificate stated.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
 
-from qsframework.diagnose import Diagnosis
-from qsframework.errors import InputError
+from qsframework.diagnose import Diagnosis, diagnose
+from qsframework.errors import InputError, Problem, QsfError
 from qsframework.experiment import Experiment, Frame, Readings, make_rows
+from qsframework.experiment.account import some_of
 from qsframework.experiment.observations import ReadingRows, values_before
 from qsframework.files import FileModel, Unit, read_yaml, validate as checked
 from qsframework.identify import FitRecord, validate, validate_halves
-from qsframework.identify.soundness import check_fit
+from qsframework.identify.soundness import check_fit, own_readings
 from qsframework.identify.validate import Validation, fitted_frames
 from qsframework.plugin import Array
-from qsframework.screening import adopted
 
 COVERAGE = 2.0
 """k: expanded uncertainties are so many standard ones."""
@@ -158,17 +158,24 @@ def certify(
     halves: int = HALVES,
     seed: int = 0,
     diagnosis: Diagnosis | None = None,
+    anyway: bool = False,
 ) -> Certificate:
     """The certificate of a fit by readings: those that it has not seen, else by random halves of its own.
 
-    diagnosis: of these readings, where one was made; without one the certificate says that nobody looked.
+    diagnosis: of the fit's readings, where one was made; else they are diagnosed here. anyway: certify, and note it,
+    while causes are named that the fit does not have.
 
     Raises InputError where the fit is not one that may be certified: not to be trusted (`soundness.check_fit`; a
     certificate knows no exception), no better than the values before at the readings held out, or
-    where the diagnosis names what the fit does not have.
+    where the diagnosis names what the fit does not have, unless `anyway`.
     """
     notes = check_fit(fit, experiment.robot, experiment, readings, anyway=None)
-    notes += _open_causes(experiment, readings, diagnosis)
+    looked = diagnosis or _looked(experiment, fit, readings)
+    if isinstance(looked, str):
+        notes += (looked,)
+    else:
+        notes += _causes(experiment, looked, anyway)
+        fit = replace(fit, account=replace(fit.account, causes=looked.account.causes))
     found = validate(experiment, readings, fit)
     if found.seen:
         found = validate_halves(experiment, readings, fit, halves, seed)
@@ -203,20 +210,35 @@ def certify(
     )
 
 
-def _open_causes(experiment: Experiment, readings: Readings, diagnosis: Diagnosis | None) -> tuple[str, ...]:
-    """What to note of a diagnosis. InputError where it names a cause or a mistake that the fit does not have."""
-    if diagnosis is None:
-        return ("whether a cause that the model does not have acts was not asked (`qsf diagnose`)",)
-    named = [f.name for f in diagnosis.findings if not f.doubtful] + [c.name for c in adopted(diagnosis.conventions)]
-    if named:
-        raise InputError(
-            f"{readings.where}: no certificate: the readings name what the fit does not have, {', '.join(named)}. "
-            "Let the diagnosis write the extended robot, then identify and certify that"
+def _looked(experiment: Experiment, fit: FitRecord, readings: Readings) -> Diagnosis | str:
+    """A diagnosis of the fit's own readings, of those at hand where these are not there; or why there is none."""
+    own, _ = own_readings(fit, experiment, readings)
+    try:
+        given = own if isinstance(own, Readings) else readings
+        return diagnose(experiment.with_(fit=fit.model_names(experiment)), given)
+    except QsfError as error:
+        return f"whether a cause that the model does not have acts is not known: {error}"
+
+
+def _causes(experiment: Experiment, found: Diagnosis, anyway: bool) -> tuple[str, ...]:
+    """What to note of a diagnosis. InputError where it names a cause or a mistake that the fit does not have, unless
+    `anyway`."""
+    if found.account.causes:
+        said = f"the readings name what the fit does not have, {some_of(found.account.causes)}"
+        if anyway:
+            return (f"certified although {said}",)
+        hint = f"Let `qsf diagnose {experiment.path}` write the extended robot, then identify and certify that."
+        raise InputError(Problem(f"no certificate: {said}", found.readings.where, hint=hint, argument=("anyway", "")))
+    notes = [f"the readings hint at {f.name}, which the model does not have" for f in found.findings]
+    if found.taught is not None and found.taught.holds:
+        before, after = (f"{1e3 * error:.3f} mm" for error in (found.taught.before, found.taught.heldout))
+        notes.append(
+            f"something acts that no cause of the library explains; with a law that is learned of it, the error at "
+            f"poses left out falls from {before} to {after}"
         )
-    doubtful = [f.name for f in diagnosis.findings]
-    if diagnosis.leftovers:
-        doubtful.append("a law that no cause of the library explains")
-    return (f"the readings hint at {', '.join(doubtful)}, which the model does not have",) if doubtful else ()
+    elif found.leftovers:
+        notes.append("the readings hint at a law that no cause of the library explains")
+    return tuple(notes)
 
 
 def _quantities(experiment: Experiment, fit: FitRecord) -> tuple[Quantity, ...]:

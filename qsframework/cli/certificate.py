@@ -8,11 +8,19 @@ from pathlib import Path
 
 from qsframework.cli.commands import distinct_outputs, readings_files
 from qsframework.cli.printing import print_folded
+from qsframework.cli.progress import progress
 from qsframework.experiment import load_experiment, read_readings
 
 
 def run_certificate(
-    experiment_file: Path, fit: Path, data: Sequence[Path], output: Path, meta: Path | None, halves: int, seed: int
+    experiment_file: Path,
+    fit: Path,
+    data: Sequence[Path],
+    output: Path,
+    meta: Path | None,
+    halves: int,
+    seed: int,
+    anyway: bool,
 ) -> None:
     """Certify a fit, say its main numbers, and write the page."""
     from qsframework.applications.certificate import certify, read_meta
@@ -26,7 +34,10 @@ def run_certificate(
     sources = readings_files(experiment, data)
     distinct_outputs([output], [experiment_file, fit, *sources, *([meta] if meta else [])])
     told = read_meta(meta)
-    found = certify(experiment, stored, read_readings(sources, experiment), told, halves=halves, seed=seed)
+    with progress() as tell:
+        tell("certificate", 0, 1)
+        readings = read_readings(sources, experiment)
+        found = certify(experiment, stored, readings, told, halves=halves, seed=seed, anyway=anyway)
     print_folded(conformity_words(found.conformity))
     print_folded(validation_words(found.validation))
     for said in stored.account.scope():

@@ -21,6 +21,10 @@ def readings_files(experiment: Experiment, data: Sequence[Path], option: str = "
     paths = tuple(data) or experiment.data
     if not paths:
         raise InputError(f"{experiment.path}: no readings; add `data: readings.csv` or give {option}")
+    hint = f"`data:` of {experiment.path} names it: change it there if the folder was moved, or give {option}."
+    gone = [Problem("no such file", str(p), hint=hint) for p in experiment.data if not data and not p.is_file()]
+    if gone:
+        raise InputError(gone)
     return paths
 
 

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from qsframework.applications.day.day import DECISIONS, Day, begin, decide, reread
 from qsframework.applications.day.entry import Unconfirmed, enter_file
@@ -18,8 +19,11 @@ from qsframework.applications.protocol import ProtocolWish
 from qsframework.cli.export import plan_of
 from qsframework.cli.printing import print_folded
 from qsframework.errors import InputError, QsfError
-from qsframework.experiment import load_experiment
+from qsframework.experiment import Experiment, Readings, load_experiment, read_readings
 from qsframework.files import sha256
+
+if TYPE_CHECKING:
+    from qsframework.diagnose import Diagnosis
 
 _POLL = 0.5
 """Seconds between two looks into the watched folder; a file has stopped changing that has not changed meanwhile."""
@@ -255,15 +259,12 @@ def _by_number(name: str) -> list[tuple[int, str]]:
 
 def finish(day: Day, files: DayFiles) -> list[str]:
     """Fit, validation, diagnosis, reports and certificate of the day, in its folder; what became of each."""
-    from qsframework.applications.certificate import certify, read_meta
     from qsframework.applications.day.so_far import accepted
     from qsframework.cli.commands import write_json
-    from qsframework.diagnose import Diagnosis, diagnose
-    from qsframework.identify import identify, read_fit
+    from qsframework.diagnose import diagnose
+    from qsframework.identify import identify
     from qsframework.report import fit_sections, write_report
-    from qsframework.report.certificate_page import write_certificate
     from qsframework.report.diagnosis_section import diagnosis_sections
-    from qsframework.report.words.certificate import conformity_words
     from qsframework.report.words.fit import fit_verdict, verdict_words
     from qsframework.report.words.headline import diagnosis_verdict, headline
 
@@ -291,11 +292,30 @@ def finish(day: Day, files: DayFiles) -> list[str]:
     except QsfError as error:
         out.append(f"no diagnosis: {error}")
     try:
-        certified = certify(
-            experiment, read_fit(folder / "fit.json"), readings, read_meta(None), halves=10, seed=0, diagnosis=found
-        )
-        write_certificate(folder / "certificate.html", certified)
-        out.append(f"certificate.html: {conformity_words(certified.conformity)}")
+        out += certificate_of(experiment, readings, found, folder)
     except QsfError as error:
         out.append(f"no certificate: {error}")
     return out
+
+
+def certificate_of(experiment: Experiment, readings: Readings, found: Diagnosis | None, folder: Path) -> list[str]:
+    """The certificate of the day's fit; of the extended one, in a folder of its own, where a diagnosis asks for it."""
+    from qsframework.applications.certificate import certify, read_meta
+    from qsframework.cli.commands import write_json
+    from qsframework.experiment.account import added_effects
+    from qsframework.identify import identify, read_fit
+    from qsframework.report.certificate_page import write_certificate
+    from qsframework.report.extended import extended_words, write_extended
+    from qsframework.report.words.certificate import conformity_words
+
+    out, made = list[str](), folder
+    if found is not None and (found.account.causes or (found.taught is not None and found.taught.holds)):
+        made, found, diagnosis = folder / "extended", None, found
+        write_extended(diagnosis, made)
+        experiment = load_experiment(made / "experiment.yaml")
+        out.append(f"extended/: {extended_words(diagnosis, added_effects(experiment.model()))}")
+        readings = read_readings(experiment.data, experiment)
+        write_json(made / "fit.json", identify(experiment, readings).as_json())
+    certified = certify(experiment, read_fit(made / "fit.json"), readings, read_meta(None), diagnosis=found)
+    write_certificate(folder / "certificate.html", certified)
+    return [*out, f"certificate.html: {conformity_words(certified.conformity)}"]

@@ -15,6 +15,7 @@ from qsframework.discriminate import Discrimination, SecondDay
 from qsframework.discriminate.separations import separations
 from qsframework.errors import InputError
 from qsframework.experiment import load_experiment, read_readings
+from qsframework.experiment.account import added_effects
 from qsframework.work import HERE, Work
 
 
@@ -125,12 +126,14 @@ def _write(
         title, verdict = f"Diagnosis: {found.experiment.robot.title}", diagnosis_verdict(found)
         print(f"report: {write_report(files.report, title, sections, verdict)}")
     if files.extend is not None:
-        from qsframework.report.extended import write_extended
+        from qsframework.report.extended import extended_words, write_extended
 
         write_extended(found, files.extend, pairs, doubtful=files.doubtful)
         extended = files.extend / "experiment.yaml"
         print(f"extended robot: {files.extend / 'robot'}")
-        told = bool(load_experiment(extended).data)
+        written = load_experiment(extended)
+        print_folded(extended_words(found, added_effects(written.model()), doubtful=files.doubtful))
+        told = bool(written.data)
         print(
             f"next: {'' if told else 'correct the readings, then '}qsf identify {extended}{'' if told else ' READINGS'}"
         )

@@ -116,7 +116,8 @@ def _tell(result: Fit, verdict: Verdict, other: FitRecord | None) -> None:
     for line in first_words(result):
         print_folded(line)
     print_verdict(verdict)
-    print_folded(verdict_words(result))
+    for said in (verdict_words(result), *result.account.extension):
+        print_folded(said)
     print()
     aside = (left_aside_table(result),) if result.left_aside else ()
     pair = () if other is None else (beside_table(result, other),)
@@ -150,8 +151,8 @@ def run_validate(files: FitFiles, fit: Path, halves: int, seed: int) -> None:
             found = validate(experiment, readings, stored)
     verdict = validation_verdict(found)
     print_verdict(verdict)
-    for note in found.notes:
-        print_folded(f"note: {note}")
+    for said in (*found.account.extension, *(f"note: {note}" for note in found.notes)):
+        print_folded(said)
     for table in validation_tables(found):
         print_table(table.header, table.rows)
         print_folded(table.caption)

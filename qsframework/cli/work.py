@@ -112,6 +112,10 @@ def certificate(
     template: Annotated[Path | None, typer.Option(help="Write a meta.yaml to fill in, and nothing else.")] = None,
     halves: Annotated[int, typer.Option(help="Random halves, where no readings are given.", min=1, max=1000)] = 10,
     seed: Annotated[int, typer.Option(help="All randomness comes from this number.", min=0)] = 0,
+    anyway: Annotated[
+        bool,
+        typer.Option("--anyway", help="Certify while a diagnosis of the readings names a cause; the page says so."),
+    ] = False,
     trust: Trust = False,
 ) -> None:
     """State on one to three printable pages how accurate a robot is, with its uncertainties."""
@@ -127,7 +131,7 @@ def certificate(
 
         given = sorted_out(files or (), ("fit",), "readings")
         fit = the_fit(given, "certificate EXPERIMENT fit.json [READINGS...], or --template meta.yaml")
-        run_certificate(experiment, fit, given["readings"], output, meta, halves, seed)
+        run_certificate(experiment, fit, given["readings"], output, meta, halves, seed, anyway)
 
 
 def export(

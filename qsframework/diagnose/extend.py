@@ -21,7 +21,7 @@ import numpy as np
 from qsframework.diagnose.audit_entries import Audited, audited_readings, noise_entry
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError, Problem
-from qsframework.experiment import Experiment, load_experiment
+from qsframework.experiment import Experiment, load_experiment, read_readings
 from qsframework.files import read_yaml, write_folder, yaml_text
 from qsframework.plugin import Effect, Load, Parameter, Poses, Sensor
 from qsframework.plugin.entry import effect_entry
@@ -255,7 +255,8 @@ def _values(extension: Extension, wanted: Callable[[Effect], bool]) -> dict[str,
 
 def _entry(extension: Extension, p: Parameter) -> dict[str, Any]:
     sd, source = extension.sds.get(p.name, 0.0), extension.evidence.get(p.name, p.source)
-    found = replace(p, earlier=p.identified_by(extension.used)) if p.name in extension.sds else p
+    added = p.name not in extension.experiment.model().names
+    found = p.identified_by(extension.used, added) if p.name in extension.sds else p
     return nominal_entry(found, extension.values[p.name], sd if sd > 0.0 else p.sd, source)
 
 
@@ -268,8 +269,9 @@ def _relative(data: Path, folder: Path) -> str:
 
 
 def _check(path: Path, extension: Extension) -> None:
-    """The written experiment loads, has the values of the extension and predicts what it predicts."""
-    model, values = load_experiment(path, trust=_trusted(extension.model)).model(), extension.values
+    """The written experiment loads, has the values of the extension, predicts what it predicts, reads its readings."""
+    experiment, values = load_experiment(path, trust=_trusted(extension.model)), extension.values
+    model = experiment.model()
     written = dict(zip(model.names, (float(v) for v in model.nominal), strict=True))
     lost = sorted(set(written) ^ set(values))
     lost += [n for n in values if n in written and abs(written[n] - values[n]) > _SAME * abs(values[n])]
@@ -283,3 +285,5 @@ def _check(path: Path, extension: Extension) -> None:
             f"the extended robot would lose {', '.join(lost)}: the experiment in memory is not the one in "
             f"{extension.experiment.path}"
         )
+    if experiment.data:
+        read_readings(experiment.data, experiment)

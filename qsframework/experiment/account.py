@@ -109,9 +109,13 @@ class Account(FileRecord):
             )
         else:
             said = f"Measured: positions, {counted}, in the base frame, as the frame of the instrument was stated."
-        if not self.extended:
-            return (said,)
-        return said, f"The model is extended by what a diagnosis of readings found: {', '.join(self.extended)}."
+        return said, *self.extension
+
+    @property
+    def extension(self) -> tuple[str, ...]:
+        """By what the model is extended, in a sentence; none where it is not."""
+        names = ", ".join(self.extended)
+        return (f"The model is extended by what a diagnosis of readings found: {names}.",) if names else ()
 
     def is_of(self, data: Path) -> bool:
         """Whether a file is one of those of the readings, by its hash."""
@@ -138,21 +142,17 @@ def account_of(experiment: Experiment, rows: ReadingRows, names: Sequence[str]) 
         reads=len(rows.keep) if readings.reads is None else int(readings.reads[rows.keep].sum()),
         frames=tuple(readings.frames[f] for f in rows.estimated),
         tool=tuple(n for n in names if n in tool),
-        extended=_extended(model),
+        extended=added_effects(model),
         rigid=experiment.rigid,
         simulated=not readings.sources,
         description=description(experiment.robot, experiment),
     )
 
 
-def _extended(model: Model) -> tuple[str, ...]:
-    """Effects that were not there before the readings which their values are from: what a diagnosis added."""
-    out: list[str] = []
-    for effect, part in zip(model.effects, model.slices, strict=True):
-        own = model.parameters[part]
-        if own and all(p.earlier and p.earlier[0][0] == p.null for p in own):
-            out.append(effect.name)
-    return tuple(out)
+def added_effects(model: Model) -> tuple[str, ...]:
+    """Effects that a diagnosis of readings has added."""
+    effects = zip(model.effects, model.slices, strict=True)
+    return tuple(effect.name for effect, part in effects if any(p.added for p in model.parameters[part]))
 
 
 def _beside(source: Path, experiment: Experiment) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -83,8 +83,9 @@ def _entries(fit: Fit, parameters: Sequence[Parameter], source: str) -> dict[str
         if p.name in found:
             e = found[p.name]
             told = f"{source}; {e.status}" if e.status else source
-            own = replace(p, earlier=p.identified_by(fit.account.hashes))
-            out[p.name] = nominal_entry(own, e.value, e.sd if e.sd > 0.0 else None, told)
+            out[p.name] = nominal_entry(
+                p.identified_by(fit.account.hashes), e.value, e.sd if e.sd > 0.0 else None, told
+            )
         elif p.source or p.nominal != 0.0 or p.earlier:
             out[p.name] = nominal_entry(p, p.nominal, p.sd, p.source)
     return out

@@ -67,7 +67,7 @@ def check_fit(
     wrong = list(_contradictions(fit, robot, experiment))
     notes: list[str] = []
     if not wrong and experiment is not None:
-        own, notes = _own_readings(fit, experiment, readings)
+        own, notes = own_readings(fit, experiment, readings)
         if isinstance(own, str):
             wrong.append(own)
         elif own is not None:
@@ -139,7 +139,7 @@ def _unfitted(fit: FitRecord, robot: Robot, experiment: Experiment | None) -> It
             yield name, value
 
 
-def _own_readings(
+def own_readings(
     fit: FitRecord, experiment: Experiment, given: Readings | None
 ) -> tuple[Readings | str | None, list[str]]:
     """The readings of a fit as it used them, why they are not the same any more, or None; and what to note."""

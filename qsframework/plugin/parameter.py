@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, replace
 
 from qsframework.errors import PluginError
 
@@ -23,7 +23,7 @@ class Parameter:
              readings tell; None: the readings alone say it
     domain   what can exist, such as lengths above 0: no fit leaves it; `lower` and `upper` are kept only where asked
     earlier  where `nominal` was identified: the values that stood there before, the oldest first, each with the hashes
-             of the readings that were used after it
+             of the readings that were used after it; None: a diagnosis of these readings added the effect
     by_name  estimated only where `fit` names the parameter itself: an effect's name stands for its others
     """
 
@@ -40,7 +40,7 @@ class Parameter:
     by_name: bool = False
     pull: float | None = None
     domain: tuple[float, float] = (-math.inf, math.inf)
-    earlier: tuple[tuple[float, tuple[str, ...]], ...] = ()
+    earlier: tuple[tuple[float | None, tuple[str, ...]], ...] = ()
 
     def __post_init__(self) -> None:
         if not self.lower <= self.nominal <= self.upper:
@@ -57,12 +57,20 @@ class Parameter:
 
     def before(self, readings: Collection[str]) -> float:
         """The value before any of some readings (their hashes) was used: never one that was fitted to them."""
-        return next((value for value, used in self.earlier if not set(readings).isdisjoint(used)), self.nominal)
+        found = next((value for value, used in self.earlier if not set(readings).isdisjoint(used)), self.nominal)
+        return (self.null or 0.0) if found is None else found
 
-    def identified_by(self, readings: Collection[str]) -> tuple[tuple[float, tuple[str, ...]], ...]:
-        """`earlier` of the parameter once a value identified from these readings stands in the place of its own."""
-        known = any(set(readings) <= set(used) for _, used in self.earlier)
-        return self.earlier if known or not readings else (*self.earlier, (self.nominal, tuple(readings)))
+    def identified_by(self, readings: Collection[str], added: bool = False) -> Parameter:
+        """The parameter once a value identified from these readings stands in the place of its own, which it had
+        unless a diagnosis of them added it."""
+        if not readings or any(set(readings) <= set(used) for _, used in self.earlier):
+            return self
+        return replace(self, earlier=(*self.earlier, (None if added else self.nominal, tuple(readings))))
+
+    @property
+    def added(self) -> bool:
+        """Whether a diagnosis of readings added the effect."""
+        return bool(self.earlier) and self.earlier[0][0] is None
 
     @property
     def scale(self) -> float:

@@ -236,19 +236,22 @@ class DayPage:
 
     def _work(self) -> None:
         """What is too slow for an answer, whenever a visit is done."""
+        causes: tuple[str, ...] = ()
         while True:
             self._wake.wait()
             self._wake.clear()
             with self._lock:
                 day, asked = self._day, self._asked
-            found = so_far(day) if day.record.rows else None
+            found = replace(so_far(day), causes=causes) if day.record.rows else None
             self._put(found=found)
             if asked:
                 self._put(ended=_ended(self._end, day))
                 continue
             diagnosis = diagnosis_so_far(day)
             if diagnosis is not None:
-                self._put(diagnosis=f"The diagnosis after {day.visits_done} visits: {headline(diagnosis)}")
+                causes = diagnosis.account.causes or ()
+                said = f"The diagnosis after {day.visits_done} visits: {headline(diagnosis)}"
+                self._put(found and replace(found, causes=causes), said)
 
     def _put(self, found: SoFar | None = None, diagnosis: str | None = None, ended: list[str] | None = None) -> None:
         with self._lock:

@@ -28,6 +28,18 @@ def write_extended(
     return write_extension(extension_of(diagnosis, pairs, doubtful=doubtful), folder)
 
 
+def extended_words(diagnosis: Diagnosis, added: Sequence[str], *, doubtful: bool = False) -> str:
+    """By what a written robot is extended and what that gains at poses left out, where that is known."""
+    if not added:
+        return "Nothing is added to the model; the values are those of these readings."
+    taught, rms = diagnosis.taught, diagnosis.rms
+    before, after = rms.heldout_identified, rms.heldout_extended
+    if taught is not None and taught.name in added:
+        before, after = taught.before, taught.heldout
+    gain = f": the error at poses left out falls from {1e3 * before:.3f} to {1e3 * after:.3f} mm"
+    return f"The model is extended by {', '.join(added)}{gain if doubtful or not diagnosis.doubtful else ''}."
+
+
 def extension_of(diagnosis: Diagnosis, pairs: Sequence[Discrimination] = (), *, doubtful: bool = False) -> Extension:
     """The extension that a diagnosis calls for: its certain names and the law that was learned beside them, or all
     names without it, and the values of the exact fit. The law's weights are fitted again with all else, by the prior

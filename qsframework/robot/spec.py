@@ -140,7 +140,8 @@ def nominal_entry(p: Parameter, value: float, sd: float | None, source: str) -> 
     out: dict[str, Any] = {f"value{suffix}": float(value)}
     out |= {f"sd{suffix}": float(sd)} if sd else {}
     out |= {"source": source} if source else {}
-    stages = [{f"value{suffix}": float(before), "readings": list(used)} for before, used in p.earlier]
+    earlier = ((None if before is None else float(before), used) for before, used in p.earlier)
+    stages = [{f"value{suffix}": before, "readings": list(used)} for before, used in earlier]
     return out | ({"earlier": stages} if stages else {})
 
 
@@ -202,15 +203,16 @@ class _Entry:
                 allowed = plausible.allowed(far, unit, suffix)
                 self.problem(f"{key} is no {far.quantity}", key, found=repr(value), allowed=allowed)
 
-    def _stages(self, stages: Any, key: str) -> Iterator[tuple[float, tuple[str, ...]]]:
-        """Values that stood there before readings were used, each with the hashes of these readings."""
+    def _stages(self, stages: Any, key: str) -> Iterator[tuple[float | None, tuple[str, ...]]]:
+        """Values that stood there before readings were used, null for none, each with the hashes of these readings."""
         for stage in stages if is_list(stages) else [stages]:
-            value, used = (stage.get(key), stage.get("readings")) if is_mapping(stage) else (None, None)
-            if isinstance(value, bool) or not isinstance(value, int | float) or not is_list(used) or len(stage) != 2:
+            value, used = (stage.get(key, ""), stage.get("readings")) if is_mapping(stage) else ("", None)
+            number = value is None or (isinstance(value, int | float) and not isinstance(value, bool))
+            if not number or not is_list(used) or len(stage) != 2:
                 words = f"earlier is a list of {key} and readings: the values before, and the hashes of what came after"
                 self.problem(words, "earlier", found=repr(stage)[:80])
                 return
-            yield float(value), tuple(str(one) for one in used)
+            yield None if value is None else float(value), tuple(str(one) for one in used)
 
     def _bounds(self, value: float, sd: float | None) -> None:
         p = self.parameter

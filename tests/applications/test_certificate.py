@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from qsframework.applications.certificate import MetaSpec, certify, read_meta
 from qsframework.cli.main import app
-from qsframework.diagnose import diagnose
+from qsframework.diagnose import Diagnosis, diagnose
 from qsframework.errors import InputError
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Readings, example, load_experiment, make_plan, read_readings, simulate
@@ -80,7 +80,14 @@ def fit_truth(experiment: Experiment, readings: Readings) -> Array:
     return make_rows(readings).predict(experiment.model(), truth_of(experiment), (), True)
 
 
-def test_accuracy_and_repeatability_are_those_of_iso_9283(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def ur10() -> Diagnosis:
+    """Of its real readings, which name encoders that err."""
+    experiment = load_experiment(example("ur10") / "experiment.yaml")
+    return diagnose(experiment, read_readings(experiment.data, experiment))
+
+
+def test_accuracy_and_repeatability_are_those_of_iso_9283(ur10: Diagnosis, tmp_path: Path) -> None:
     """AP = |mean - predicted|, RP = mean + 3 s of the distances from the centre, by hand, of readings read thrice."""
     experiment = load_experiment(example("ur10") / "experiment.yaml")
     text = Path(experiment.data[0]).read_text(encoding="utf-8")
@@ -101,7 +108,7 @@ def test_accuracy_and_repeatability_are_those_of_iso_9283(tmp_path: Path) -> Non
     readings = read_readings(path, experiment)
     own = read_readings(experiment.data, experiment)
     fit = read_fit(write_fit(identify(experiment, own), tmp_path / "fit.json"))
-    found = certify(experiment, fit, readings, MetaSpec())
+    found = certify(experiment, fit, readings, MetaSpec(), diagnosis=ur10, anyway=True)
     assert [a.count for a in found.arrivals] == [3, 3, 3]
     first = found.arrivals[0]
     three = readings.value[:3]
@@ -198,10 +205,14 @@ def test_the_command_writes_a_template_and_says_what_is_missing(tmp_path: Path) 
     assert run.invoke(app, ["certificate", "--template", meta], catch_exceptions=False).exit_code == 0
     assert read_meta(Path(meta)) == MetaSpec()
     assert run.invoke(app, ["identify", ur10, "--json", fit], catch_exceptions=False).exit_code == 0
+    told = run.invoke(app, ["certificate", ur10, fit, "-o", page, "--meta", meta, "--halves", "2"])
+    assert isinstance(told.exception, InputError)
+    assert told.exception.problems[0].argument == ("anyway", "")
     told = run.invoke(
-        app, ["certificate", ur10, fit, "-o", page, "--meta", meta, "--halves", "2"], catch_exceptions=False
+        app, ["certificate", ur10, fit, "-o", page, "--meta", meta, "--halves", "2", "--anyway"], catch_exceptions=False
     )
     assert told.exit_code == 0, told.output
+    assert "certified although the readings name what the fit does not have, encoder_eccentricity" in told.output
     assert "printed as not stated" in told.output
     assert "No tolerance is stated" in told.output
     again = run.invoke(app, ["certificate", ur10])
@@ -215,17 +226,21 @@ def test_no_certificate_while_a_diagnosis_names_what_the_fit_does_not_have() -> 
     fit, found = identify(experiment, readings), diagnose(experiment, readings)
     with pytest.raises(InputError, match=r"the readings name what the fit does not have, joint_hardening\[joint_3\]"):
         certify(experiment, fit, readings, MetaSpec(), halves=1, diagnosis=found)
-    told = certify(experiment, fit, readings, MetaSpec(), halves=1)
-    assert any("was not asked" in note for note in told.notes)
+    with pytest.raises(InputError, match=r"the readings name what the fit does not have, joint_hardening\[joint_3\]"):
+        certify(experiment, fit, readings, MetaSpec(), halves=1)
+    told = certify(experiment, fit, readings, MetaSpec(), halves=1, diagnosis=found, anyway=True)
+    assert any(note.startswith("certified although the readings name") for note in told.notes)
+    assert told.fit.account.causes == ("joint_hardening[joint_3]",)
     (said,) = told.fit.account.scope()
     assert said.startswith("Measured: deflections under load, loaded minus unloaded, 180 readings at 60 visits.")
     assert "where the unloaded arm stands in its base frame was not measured" in said
 
 
-def test_positions_in_an_estimated_frame_are_certified_in_that_frame() -> None:
+def test_positions_in_an_estimated_frame_are_certified_in_that_frame(ur10: Diagnosis) -> None:
     experiment = load_experiment(example("ur10") / "experiment.yaml")
     readings = read_readings(experiment.data, experiment)
-    told = certify(experiment, identify(experiment, readings), readings, MetaSpec(), halves=1)
+    fit = identify(experiment, readings)
+    told = certify(experiment, fit, readings, MetaSpec(), halves=1, diagnosis=ur10, anyway=True)
     (said,) = told.fit.account.scope()
     assert "in the frame of the instrument, which was estimated from the same readings" in said
     assert "an error in the base frame is not known" in said

@@ -6,6 +6,7 @@ import errno
 import os
 import shutil
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import day_cell as cell
@@ -342,6 +343,10 @@ def test_what_the_readings_tell_so_far(m900ib: Experiment, tmp_path: Path) -> No
             assert len(found.help.pose) == 3
     assert worst[0] > worst[1] > worst[2] == pytest.approx(1.0, abs=0.1)
     assert "enough" in so_far_words(so_far(day))
+    open_ = replace(so_far(day), causes=("offaxis_compliance[joint_1/x]",))
+    assert not open_.enough, "never beside a named cause"
+    assert ": enough" not in so_far_words(open_)
+    assert "a model without offaxis_compliance[joint_1/x], which the readings name" in so_far_words(open_)
     truth = dict(zip(m900ib.model().names, arm.x, strict=True))
     for told in so_far(day).told:
         assert abs(told.value - truth[told.name]) < 5.0 * told.sd

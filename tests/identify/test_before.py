@@ -30,9 +30,9 @@ def test_the_oldest_value_that_no_reading_at_hand_has_changed() -> None:
     assert [p.before([used]) for used in ("a", "b", "d")] == [1.0, 2.0, 3.0]
     assert p.before(["c", "a"]) == 1.0
     assert p.before([]) == 3.0
-    assert p.identified_by(["d"]) == (*p.earlier, (3.0, ("d",)))
-    assert p.identified_by(["b"]) == p.earlier, "again by the same readings: what stood before them stays"
-    assert p.identified_by([]) == p.earlier
+    assert p.identified_by(["d"]).earlier == (*p.earlier, (3.0, ("d",)))
+    assert p.identified_by(["b"]) is p, "again by the same readings: what stood before them stays"
+    assert p.identified_by([]) is p
 
 
 def test_the_documented_way_ends_in_a_certificate_with_the_gain_of_all_steps(tmp_path: Path) -> None:

@@ -53,7 +53,8 @@ class Told:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SoFar:
     """visits: that it is of; fit: None where the readings give none yet, and why; help: the poses that would help most
-    beside what was read; minutes: that the rest of the plan takes, and those that `help` would"""
+    beside what was read; minutes: that the rest of the plan takes, and those that `help` would; causes: that the last
+    diagnosis names and the model does not have"""
 
     visits: int
     fit: Fit | None
@@ -63,11 +64,12 @@ class SoFar:
     minutes: float
     help_minutes: float
     units: JointUnits
+    causes: tuple[str, ...] = ()
 
     @property
     def enough(self) -> bool:
-        """Whether every parameter is told as well as the plan promised."""
-        return bool(self.told) and all(t.enough for t in self.told)
+        """Whether every parameter is told as well as the plan promised, and no cause is open."""
+        return bool(self.told) and all(t.enough for t in self.told) and not self.causes
 
 
 def so_far(day: Day) -> SoFar:

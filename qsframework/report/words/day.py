@@ -9,6 +9,7 @@ from qsframework.applications.day.mistakes import Explanation
 from qsframework.applications.day.record import Slot
 from qsframework.applications.day.so_far import SoFar
 from qsframework.plugin import Array
+from qsframework.report.words.lists import listed
 from qsframework.units import JointUnits
 
 _ASKED = {
@@ -139,6 +140,8 @@ def so_far_words(found: SoFar) -> str:
         return f"After {found.visits} visits the readings give no fit yet: {found.why}"
     known = sum(t.enough for t in found.told)
     said = f"After {found.visits} visits {known} of {len(found.told)} parameters are known as well as the plan promised"
+    if found.causes:
+        said += f", of a model without {listed(found.causes)}, which the readings name: they say no more than it holds"
     if found.enough:
         return f"{said}: enough. The rest of the plan takes {found.minutes:.0f} minutes."
     worst = max((t for t in found.told), key=lambda t: t.sd / t.promised if t.promised > 0 else 0.0)
