@@ -8,7 +8,7 @@ import numpy as np
 
 from qsframework.errors import InputError, Problem
 from qsframework.identify import FitRecord
-from qsframework.identify.soundness import check_fit, check_robot
+from qsframework.identify.soundness import check_fit, check_robot, experiment_of
 from qsframework.robot import Robot
 
 
@@ -16,8 +16,9 @@ def with_fit(robot: Robot, fit: FitRecord, *, anyway: bool = False) -> tuple[Rob
     """The robot with the values of a fit, and what to note of it, such as estimates that are no parameters of this
     robot: of the tracker's frame, or of effects of the experiment alone.
 
-    sds are widened where the residuals do not fit their noise. InputError for a fit of another robot, one that is not
-    to be trusted unless `anyway`, and, always, for values beyond their bounds.
+    Its readings are asked where its experiment lies beside it. sds are widened where the residuals do not fit their
+    noise. InputError for a fit of another robot, one that is not to be trusted unless
+    `anyway`, and, always, for values beyond their bounds.
     """
     file, own = fit.path or None, {p.name for p in robot.parameters}
     check_robot(fit, robot)
@@ -39,7 +40,11 @@ def with_fit(robot: Robot, fit: FitRecord, *, anyway: bool = False) -> tuple[Rob
     ]
     if beyond:
         raise InputError(beyond)
-    notes = check_fit(fit, robot, anyway=anyway)
+    experiment = experiment_of(fit, robot)
+    notes = check_fit(fit, robot, experiment, anyway=anyway)
+    if experiment is None and fit.path:
+        words = "that the fit explains its readings was not checked: its experiment is not beside it"
+        notes = (*notes, f"{words}. Put both into one folder")
     sd = {name: float(s) for name, s in zip(fit.names, np.sqrt(fit.widening) * fit.sd, strict=True)}
     parameters = tuple(
         replace(

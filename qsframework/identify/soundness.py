@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from qsframework.errors import InputError, NotConverged, NotIdentifiable, Problem
-from qsframework.experiment import Experiment, Readings, read_readings
+from qsframework.experiment import Experiment, Readings, load_experiment, read_readings
 from qsframework.experiment.account import UsedFile, changed_parts
 from qsframework.experiment.observations import start_values
 from qsframework.files import sha256
@@ -37,6 +37,18 @@ def check_robot(fit: FitRecord, robot: Robot) -> None:
     if fit.robot != robot.name:
         words, hint = "the fit is of another robot", "Give the experiment of that robot, or identify this one."
         raise InputError(Problem(words, fit.path or None, found=fit.robot, allowed=robot.name, hint=hint))
+
+
+def experiment_of(fit: FitRecord, robot: Robot) -> Experiment | None:
+    """The experiment beside a fit's file that is described as the fit's was; None where there is none."""
+    for path in sorted(Path(fit.path).parent.glob("*.yaml")) if fit.path else ():
+        try:
+            found = load_experiment(path)
+        except InputError:
+            continue
+        if found.robot.name == robot.name and not any(changed_parts(fit.account.description, found.robot, found)):
+            return found
+    return None
 
 
 def check_fit(

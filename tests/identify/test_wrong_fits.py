@@ -14,7 +14,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from qsframework.applications.robot_from_fit import with_fit
 from qsframework.cli.main import app
+from qsframework.errors import InputError
+from qsframework.identify import read_fit
+from qsframework.robot import load_robot
 
 ROOT = Path(__file__).resolve().parents[2]
 TARGETS = "target,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,fx_N,fy_N,fz_N\na,10,20,-10,5,60,0,0,0,-1500\n"
@@ -209,3 +213,15 @@ def test_readings_that_are_gone_are_said(sound: Path, tmp_path: Path) -> None:
     code, said = run("compensate", folder / "e.yaml", folder / "fit.json", folder / "t.csv", "-o", folder / "c.csv")
     assert code == 0, said
     assert "note: that the fit explains its readings was not checked: gone.csv is not here" in said
+
+
+def test_a_comparison_asks_the_readings_where_the_experiment_is_beside_the_fit(sound: Path, tmp_path: Path) -> None:
+    folder = shutil.copytree(sound, tmp_path / "c")
+    robot, fit = load_robot(str(folder / "rb"), beside=folder), folder / "fit.json"
+    assert not any("not checked" in note for note in with_fit(robot, read_fit(fit))[1])
+    alone = shutil.copy(fit, tmp_path / "alone.json")
+    assert "its experiment is not beside it. Put both into one folder" in " ".join(with_fit(robot, read_fit(alone))[1])
+    stored(lambda f: both(f, {SECOND: 10.0 * f["model_values"][SECOND]}))(folder)
+    with pytest.raises(InputError, match=r"joint_2. is .* readings give"):
+        with_fit(robot, read_fit(fit))
+    assert any("is used although" in note for note in with_fit(robot, read_fit(fit), anyway=True)[1])
