@@ -91,12 +91,10 @@ def _of_robot(robot: Robot) -> tuple[Line, ...]:
 def _lines(experiment: Experiment, readings: Readings) -> list[Line]:
     """What the readings say of themselves, and what is wrong with them."""
     from qsframework.applications.closure import check_states
-    from qsframework.screening import SUSPECTED, find_mistakes
+    from qsframework.screening import find_mistakes
 
     lines: list[Line] = [(c.good, c.kind, c.words) for c in check_states(experiment, readings)]
-    found = find_mistakes(experiment, readings)
-    told = [c for c in found if c.compelling or c.name in SUSPECTED or c.mask is not None]
-    return lines + [(False, c.title, c.words) for c in told]
+    return lines + [(False, c.title, c.words) for c in find_mistakes(experiment, readings) if c.told]
 
 
 _MARK = {True: " ", False: "!", None: "?"}

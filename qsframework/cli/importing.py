@@ -62,6 +62,7 @@ def run_import(files: ImportFiles, wish: ImportWish) -> None:
         point_table,
         taken_table,
     )
+    from qsframework.screening import find_mistakes
 
     inputs = [files.experiment, *files.files, *(p for p in (files.plan, files.mapping) if p is not None)]
     inputs += [Path(wish.align)] if wish.align not in ("", UNLOADED) else []
@@ -91,6 +92,9 @@ def run_import(files: ImportFiles, wish: ImportWish) -> None:
             print_folded(f"- {said}")
         print("to state it in the experiment, where the series of the readings (--series) has that name:")
         print(f"frames:\n  {frame_yaml(aligned)}")
+    for wrong in find_mistakes(experiment, found.readings):
+        if wrong.told:
+            print_folded(f"! {wrong.title}: {wrong.words}")
     if files.json is not None:
         write_json(files.json, import_json(found))
     if files.look:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -26,7 +27,8 @@ from qsframework.files import Document, read_yaml, validate
 from qsframework.plugin import Array, Effect, Parameter, Spring
 from qsframework.plugin.build import build_effects
 from qsframework.plugin.facts import frozen
-from qsframework.plugin.registry import suggestion, with_role
+from qsframework.plugin.registry import registry, suggestion, with_role
+from qsframework.plugin.settings import place_fields, plural
 from qsframework.plugin.trusted import trusted
 from qsframework.robot import Robot, load_robot
 from qsframework.robot.packages import inside
@@ -199,10 +201,27 @@ def expand_name(entry: str, model: Model) -> tuple[str, ...]:
             names.append(entry)
     if not names:
         allowed = [*dict.fromkeys(known), GEOMETRY]
-        raise InputError(
-            Problem(f"fit: no parameter {entry!r}", allowed=", ".join(allowed), hint=suggestion(entry, allowed))
-        )
+        hint = _effect_to_add(entry, model) or suggestion(entry, allowed)
+        raise InputError(Problem(f"fit: no parameter {entry!r}", allowed=", ".join(allowed), hint=hint))
     return tuple(names)
+
+
+def _effect_to_add(entry: str, model: Model) -> str | None:
+    """What to add to the effects of an experiment that lacks the one that an entry of `fit:` is a parameter of."""
+    name = re.split(r"[\[.]", entry)[0]
+    kind = registry().get(name)
+    if kind is None or name in {e.effect_name() for e in model.effects}:
+        return None
+    lacks = f"{name} is an effect that this experiment lacks"
+    places = {plural(field): "all" for field in place_fields(kind)}
+    try:
+        built = build_effects(places, model.facts, model.marker_names, kind)
+    except InputError as error:
+        return f"{lacks}. Add it to effects: {error.problems[0].message}"
+    if not any(e.parameters(model.facts) for e in built):
+        return f"{lacks}. Add it to effects: at places of your own, for on this robot it fits no place by itself"
+    written = "".join(f", {field}: {value}" for field, value in places.items())
+    return f"{lacks}. Add to it: effects: [{{effect: {name}{written}}}]"
 
 
 def load_experiment(path: str | Path, *, trust: bool | None = None) -> Experiment:

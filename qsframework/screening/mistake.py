@@ -64,6 +64,11 @@ class Mistake:
     mask: Flags | None = None
 
     @property
+    def told(self) -> bool:
+        """Whether it is worth a line: beyond doubt, suspected, or about single rows."""
+        return self.compelling or self.name in SUSPECTED or self.mask is not None
+
+    @property
     def title(self) -> str:
         """Its name as people read it."""
         return self.name.replace("_", " ")
