@@ -177,7 +177,7 @@ def print_diagnosis(found: Diagnosis, pairs: Sequence[Discrimination], verbose: 
     for f in (f for f in found.findings if f.rivals and f.name not in judged):
         nearest = min(f.rivals, key=lambda r: r.angle).name
         print_line("", f"`--separate {f.name} {nearest}` designs poses that tell them apart, or says what would")
-    for title, table in (("Certain", tables.cause_table(found)), ("Doubtful", tables.doubtful_table(found))):
+    for title, table in (("Named", tables.cause_table(found)), ("Doubtful", tables.doubtful_table(found))):
         if table.rows:
             print_table(table.header, table.rows, title if found.findings else "")
     errors = tables.error_rows(found)

@@ -598,14 +598,16 @@ def _causes(base: _Baseline, best: Answer | None) -> list[Cause]:
 def _taught(
     base: _Baseline, best: Answer | None, certain: SettledFit, closing: _Closing, level: float, seed: int, repeats: int
 ) -> Taught | None:
-    """The law that what is left teaches: the first of the plainest that holds, else the plainest.
+    """The law that what is left teaches, at a place that is told: the first of the plainest that holds, else the
+    plainest.
 
     Where doubtful names do not stay, what is left beside the certain ones teaches it.
     """
     if best is not None and certain is not best.fit:
         closing = _close(base, None, certain, level * (1.0 - _LIBRARY_SHARE), seed)
     tried: list[Taught] = []
-    for lesson in closing.lessons:
+    told = {x.law.where for x in (*closing.leftovers[:1], *closing.places)}
+    for lesson in (x for x in closing.lessons if x.leftover.law.where in told):
         taught = _learned(base, best, certain, lesson, seed, repeats)
         if taught is not None and taught.holds:
             return taught

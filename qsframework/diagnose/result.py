@@ -112,6 +112,12 @@ class NamedCause:
         return self.heldout_gain <= 0.0 or (self.faint and self.heldout_clear < _CLEAR)
 
     @property
+    def contested(self) -> bool:
+        """Whether something else may be it: causes that these readings cannot tell from it, a law that explains them as
+        well in its place, or chance."""
+        return bool(self.rivals) or self.instead is not None or self.faint
+
+    @property
     def faint(self) -> bool:
         """Whether it is barely seen, and explains nothing yet: effects that nobody thought of look like that too."""
         return bool(self.p_value > _PLAIN)

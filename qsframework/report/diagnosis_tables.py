@@ -11,7 +11,14 @@ from qsframework.discriminate.follow_up import SecondDay
 from qsframework.discriminate.pair import Discrimination
 from qsframework.plugin import Parameter
 from qsframework.report.blocks import Lines, ReportTable
-from qsframework.report.words.diagnosis import CauseGroup, excluded_words, limit_words, statements, status_words
+from qsframework.report.words.diagnosis import (
+    CauseGroup,
+    excluded_words,
+    limit_words,
+    named_groups,
+    statements,
+    status_words,
+)
 from qsframework.report.words.headline import check_words
 from qsframework.report.words.law import place_words, variable_words
 from qsframework.report.words.next_steps import next_steps
@@ -39,7 +46,7 @@ def verdict_groups(diagnosis: Diagnosis, pairs: Sequence[Discrimination] = ()) -
     groups: list[tuple[str, Lines]] = []
     for group in CauseGroup:
         rows = [(s.about, s.text) for s in said if s.group is group]
-        looked = {CauseGroup.CERTAIN: diagnosis.sure, CauseGroup.DOUBTFUL: diagnosis.doubtful}.get(group, ())
+        looked = named_groups(diagnosis).get(group, ())
         rows += [("Look at", f"{check_words(f)} ({f.name})") for f in looked if f.check]
         if rows:
             groups.append((group.value, Lines(tuple(rows))))
@@ -61,7 +68,7 @@ def estimate_words(values: Sequence[Value]) -> str:
 
 
 def cause_table(diagnosis: Diagnosis) -> ReportTable:
-    """Certain names and what cannot be told from them, with all the evidence."""
+    """Names that are not doubtful and what cannot be told from them, with all the evidence."""
     rows = _with_rivals(diagnosis, diagnosis.sure)
     if not diagnosis.findings:
         strongest = sorted((x for x in diagnosis.table if x.status is Status.EXCLUDED), key=lambda x: -x.s)[:3]

@@ -37,6 +37,7 @@ class CauseGroup(Enum):
     """What a statement speaks of, in the order of a page."""
 
     CERTAIN = "Certain"
+    LIKELY = "Likely, with alternatives"
     DOUBTFUL = "Doubtful"
     OPEN = "Not explained"
     READINGS = "Readings and noise"
@@ -66,7 +67,7 @@ def statements(found: Diagnosis, pairs: Sequence[Discrimination] = ()) -> tuple[
     adopted = {c.name for c in found.conventions if c.compelling}
     said = [Statement(f"{c.words}.{_moved(c)}", c.name) for c in found.conventions if c.compelling]
     said[:1] = [replace(s, text=s.text + _next_best(found)) for s in said[:1]]
-    for group, findings in ((CauseGroup.CERTAIN, found.sure), (CauseGroup.DOUBTFUL, found.doubtful)):
+    for group, findings in named_groups(found).items():
         own = [f for f in findings if f.name not in adopted]
         said += [Statement(_evidence(f), f.name, group) for f in own]
         said += [Statement(tied_words(f, outlooks.get(f.name, "")), "", group) for f in own if f.rivals]
@@ -78,6 +79,16 @@ def statements(found: Diagnosis, pairs: Sequence[Discrimination] = ()) -> tuple[
         said += [Statement(text) for text in _bounds(found)]
     said += [Statement(text, "", CauseGroup.OPEN) for text in _open(found)]
     return (*said, *(Statement(text, "", CauseGroup.READINGS) for text in _readings(found)))
+
+
+def named_groups(found: Diagnosis) -> dict[CauseGroup, tuple[NamedCause, ...]]:
+    """The named causes by how sure they are: certain is only what has no open alternative and foretells poses left
+    out."""
+    return {
+        CauseGroup.CERTAIN: tuple(f for f in found.sure if not f.contested),
+        CauseGroup.LIKELY: tuple(f for f in found.sure if f.contested),
+        CauseGroup.DOUBTFUL: found.doubtful,
+    }
 
 
 def _doubt(findings: Sequence[NamedCause]) -> str:
