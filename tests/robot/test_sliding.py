@@ -195,7 +195,7 @@ REFUSED: dict[str, tuple[Change, str]] = {
     "degrees": (("[-600, 1400]", "[-600, 1400], equals: J1 + 5 deg"), r"deg is no unit of this joint, which slides"),
     "coupled": (
         ("nominal: nominal.yaml", "  - {effect: coupling, joint: j3, follows: {j1: 1}}\nnominal: nominal.yaml"),
-        r"j1 slides, and this effect is of joints that turn",
+        r"coupling\[j3\]: j1 slides, and the others turn. Joints that slide follow joints that slide",
     ),
 }
 
