@@ -201,7 +201,7 @@ def campaign_of(robot: Robot, task: Task, tool: ReachTool) -> Experiment:
     hung = tool.site.xyz + task.campaign.lever * side / np.linalg.norm(side)
     load_point = (np.linalg.inv(robot.flange.placement) @ np.append(hung, 1.0))[:3]
     markers = tuple(Marker(f"m{k + 1}", link, frozen(tool.site.xyz + _SPREAD * np.eye(3)[k])) for k in range(3))
-    loads = tuple(LoadCase(s.name, frozen(s.wrench()), s.poses, s.poses_min, s.cost) for s in task.campaign.loads)
+    loads = tuple(LoadCase(s.name, frozen(s.wrench()), s.poses, s.poses_min, cost=s.cost) for s in task.campaign.loads)
     return Experiment(
         path=task.path,
         robot=robot,

@@ -35,14 +35,21 @@ def check_criterion(name: str) -> str:
 
 
 def find_criterion(
-    name: str, interest: Sequence[int] = (), parameters: int = 0, test_rows: Array | None = None
+    name: str,
+    interest: Sequence[int] = (),
+    parameters: int = 0,
+    test_rows: Array | None = None,
+    wanted: Sequence[int] | None = None,
 ) -> Criterion:
     """The criterion of a name; an InputError lists them.
 
     interest: positions, among `parameters` parameters, that Ds and L speak of; test_rows (J, 3, p): sensitivity
-    of the tip at J test poses per unit of each scaled parameter, m, for I and G
+    of the tip at J test poses per unit of each scaled parameter, m, for I and G; wanted: positions of the parameters
+    that D, A and O3 speak of, the others being estimated beside them, None: all
     """
     check_criterion(name)
+    if name in ("D", "A", "O3", "E") and wanted is not None and len(wanted) < parameters:
+        return _of_wanted(name, np.eye(parameters)[:, list(wanted)])
     if name in CRITERIA:
         return CRITERIA[name]
     if name in ("Ds", "L"):
@@ -59,3 +66,15 @@ def find_criterion(
         flat = test_rows.reshape(-1, test_rows.shape[-1])
         return Linear("I", TITLES["I"], flat.T @ flat / len(test_rows), depends_on_scale=False)
     return Largest(test_rows, title=TITLES["G"])
+
+
+def _of_wanted(name: str, K: Array) -> Criterion:
+    """D, A or O3 of the parameters along K (P, s), the others estimated beside them: convex in the whole information.
+
+    InputError for E.
+    """
+    if name == "E":
+        message = "criterion E speaks of all parameters, and here the tracker's frame or the markers are among them"
+        raise InputError(Problem(message, allowed="D, A, I, G, O3, Ds, L"))
+    D, A = Determinant("D", CRITERIA["D"].title, K), Linear("A", CRITERIA["A"].title, K @ K.T)
+    return {"D": D, "A": A, "O3": Sum(((0.5, A), (0.5, D)))}[name]

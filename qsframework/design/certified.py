@@ -61,11 +61,7 @@ def relaxed_design(
     while True:
         allowed = allowed_designs(problem, fixed, _cap(problem, wish))
         relaxed = _solve(problem, rule, wish, allowed, seed, tell)
-        share = (
-            np.bincount(problem.load(relaxed.index), relaxed.weights, len(problem.loads))
-            * problem.total
-            / problem.prices
-        )
+        share = shares(problem, relaxed) * problem.total / problem.prices
         short = [g for g, m in enumerate(problem.least) if fixed[g] is None and m and share[g] < m - 1e-6]
         if not short:
             break
@@ -76,6 +72,12 @@ def relaxed_design(
             f"the relaxed design is certified for an efficiency of {bound:.6f}, asked for {wish.efficiency:g}"
         )
     return replace(relaxed, efficiency=bound), fixed
+
+
+def shares(problem: DesignProblem, relaxed: Relaxed) -> Array:
+    """Weight (loads,) that a relaxed design gives to each load."""
+    total = np.bincount(problem.load(relaxed.index), relaxed.weights, len(problem.loads))
+    return np.asarray(total, dtype=np.float64)
 
 
 def _cap(problem: DesignProblem, wish: Wish) -> float:
@@ -94,16 +96,17 @@ def _free_bound(problem: DesignProblem, relaxed: Relaxed, fixed: tuple[int | Non
     """The bound over designs that give each load at least its minimum, where a minimum was made a number."""
     if fixed == problem.counts:
         return 1.0
-    size, total = problem.per_load, problem.total
+    total = problem.total
     slope, values = relaxed.expansion.slope, relaxed.scores
     best = float((problem.prior / total * slope).sum())
     cap = min(_cap(problem, wish), 1.0)
     room, rest = np.full(len(values), cap), 1.0
     for g, count in enumerate(problem.counts):
-        mine = slice(g * size, (g + 1) * size)
+        mine = problem.members(g)
         need = (count if count is not None else problem.least[g]) * float(problem.prices[g]) / total
-        best += _fill(values[mine], room[mine], need)
-        room[mine] = 0.0 if count is not None else room[mine]
+        left = room[mine]
+        best += _fill(values[mine], left, need)
+        room[mine] = 0.0 if count is not None else left
         rest -= need
     best += _fill(values, room, rest)
     return min(relaxed.expansion.factor / best, 1.0)

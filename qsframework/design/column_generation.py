@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from qsframework.design.criteria import Expansion
+from qsframework.design.criteria import Determinant, Expansion
 from qsframework.design.interior import Small, Solved, moments_of, solve_small
 from qsframework.design.relaxed import solve_kinked
 from qsframework.design.scoreboard import Scoreboard
@@ -295,6 +295,7 @@ def _shortlist(task: RelaxedTask, state: Columns, values: Array) -> Indices:
         np.argpartition(_merits(state, task.label, values), count - size)[-size:] if size < count else np.arange(count)
     )
     plain = len(task.shares) == 1 and not np.isfinite(task.allowed.cap) and task.rows.scenarios == 1
-    if plain and task.criterion.name == "D" and not task.prior.any():
+    inner = task.criterion.inner
+    if plain and isinstance(inner, Determinant) and inner.directions is None and not task.prior.any():
         top = top[~deletable(values[top], task.rows.parameters)]
     return np.union1d(top, state.index)

@@ -102,10 +102,17 @@ class Determinant(Criterion):
         return np.where(good, np.exp(self.shift - logdet / size), np.inf)
 
     def with_one(self, M: Array, block: Array) -> Array:
-        if self.directions is not None or block.shape[1] >= M.shape[-1]:
+        if block.shape[1] >= M.shape[-1]:
             return super().with_one(M, block)
-        grown = np.eye(block.shape[1]) + (block @ covariance(M)) @ np.swapaxes(block, -1, -2)
-        return float(self.value(M)) * np.linalg.det(grown) ** (-1.0 / M.shape[-1])
+        turned = block @ covariance(M)
+        grown = np.eye(block.shape[1]) + turned @ np.swapaxes(block, -1, -2)
+        if self.directions is None:
+            return float(self.value(M)) * np.linalg.det(grown) ** (-1.0 / M.shape[-1])
+        own = turned @ self.directions
+        S = self.directions.T @ covariance(M) @ self.directions
+        beside = grown - own @ np.linalg.solve(S, np.swapaxes(own, -1, -2))
+        ratio = np.maximum(np.linalg.det(beside), 1e-300) / np.linalg.det(grown)
+        return float(self.value(M)) * ratio ** (1.0 / self.directions.shape[1])
 
     def expansion(self, M: Array, mu: float = SMOOTHING) -> Expansion:
         cov = covariance(M)

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
-from itertools import product
+from itertools import combinations, product
 
 import numpy as np
 
 from qsframework.design.candidates import Candidates, generate_candidates
 from qsframework.design.catalogue import check_criterion, find_criterion
-from qsframework.design.certified import Wish, relaxed_design
+from qsframework.design.certified import Wish, relaxed_design, shares
 from qsframework.design.column_generation import Relaxed
 from qsframework.design.criteria import Criterion
 from qsframework.design.exact import Quotas, exchange
@@ -29,6 +29,7 @@ from qsframework.design.relaxed import SOLVER
 from qsframework.design.task import white_basis
 from qsframework.errors import InputError, NotIdentifiable
 from qsframework.experiment import Experiment, Plan, PlanCertificate, Readings, make_plan
+from qsframework.experiment.observations import start_values
 from qsframework.information.rows import as_rows, gathered_information
 from qsframework.plugin import Array, Indices, Poses
 from qsframework.work import HERE, Work
@@ -37,6 +38,8 @@ _SHORTLIST = 2000
 _NEAR, _SPLITS = 3, 12
 """How far from the relaxed shares, and how many ways to spend a budget are tried."""
 _LOPSIDED = 0.9
+_CHOICES = 4
+"""Choices of loads and stations whose plans are made, the best by their bounds."""
 _FIRST_STEP = (
     "the candidates are scored by the first step to their equilibrium, which a sample of them shows to rank alike; the "
     "bound over them is of that model, the values of the plan are of the equilibrium"
@@ -73,24 +76,116 @@ def design(
         told = partial(tell, "candidate poses")
         candidates = generate_candidates(experiment, candidates, seed, told, work)
     names = experiment.fit_names()
-    samples = draw_samples(experiment.model(), wish.samples, seed)
-    prior = _prior(experiment, wish, taken, names, samples)
+    samples = np.stack(
+        [start_values(experiment, names, x) for x in draw_samples(experiment.model(), wish.samples, seed)]
+    )
+
+    def prior(of: Sequence[str]) -> Array:
+        return _prior(experiment, wish, taken, of, samples)
+
     total = poses if wish.budget is None else wish.budget
     problem = make_problem(
         experiment, candidates, total, samples, prior, wish.budget is not None, partial(tell, "sensitivities"), work
     )
     require_rank(problem)
     rule = Robust(_criterion(problem, wish, test_poses), wish.worst)
+    tries = [_relaxed(own, rule, wish, seed, tell) for own in choices(problem, wish)]
+    tries.sort(key=lambda one: one.bound)
+    best: _Tried | None = None
+    for one in tries[:_CHOICES]:
+        if best is None or one.bound < best.value:
+            one = _chosen(one, rule, wish, seed, tell, work)
+            best = one if best is None or one.value < best.value else best
+    assert best is not None
+    return _plan(best, rule, wish, tries[0].bound, seed, tell)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Tried:
+    """A problem with its relaxed design: no plan has a criterion below `bound`. fixed: poses of each load, where fixed;
+    chosen (m,), counts (m,): the candidates of its plan, whose criterion is `value`"""
+
+    problem: DesignProblem
+    relaxed: Relaxed
+    fixed: tuple[int | None, ...]
+    bound: float
+    chosen: Indices
+    counts: Indices
+    value: float = np.inf
+
+
+def _relaxed(problem: DesignProblem, rule: Robust, wish: Wish, seed: int, tell: Progress) -> _Tried:
     relaxed, fixed = relaxed_design(problem, rule, wish, seed, lambda b: tell("relaxed design", int(1e6 * b), 10**6))
-    chosen, counts = _exact(problem, rule, wish, relaxed, fixed, seed, tell, work)
-    return _plan(problem, rule, wish, relaxed, chosen, counts, seed, tell)
+    bound = relaxed.efficiency * _relaxed_value(problem, rule, relaxed)
+    nothing = np.zeros(0, dtype=np.intp)
+    return _Tried(problem=problem, relaxed=relaxed, fixed=fixed, bound=bound, chosen=nothing, counts=nothing)
+
+
+def _relaxed_value(problem: DesignProblem, rule: Robust, relaxed: Relaxed) -> float:
+    """The criterion of a relaxed design with as many poses as the plan, where they settle."""
+    best = relaxed.information
+    if problem.linear:
+        best = problem.prior / problem.total + _settled_information(problem, relaxed.index, relaxed.weights)
+    return float(rule.value(best)) / problem.total
+
+
+def _chosen(one: _Tried, rule: Robust, wish: Wish, seed: int, tell: Progress, work: Work) -> _Tried:
+    """With the candidates of its plan."""
+    chosen, counts = _exact(one.problem, rule, wish, one.relaxed, one.fixed, seed, tell, work)
+    M = one.problem.prior + _settled_information(one.problem, chosen, counts.astype(float))
+    return replace(one, chosen=chosen, counts=counts, value=float(rule.value(M)))
+
+
+def choices(problem: DesignProblem, wish: Wish) -> list[DesignProblem]:
+    """The problem with each choice of loads to bring and stations to set up, less what these cost by themselves; the
+    problem as it is where nothing costs by itself. InputError where the budget pays for none."""
+    loads = [g for g, load in enumerate(problem.loads) if load.change and wish.budget is not None]
+    stations = problem.stations
+    each = (
+        [()] if not any(problem.reading.stations[s].cost for s in stations) or wish.budget is None else _some(stations)
+    )
+    if not loads and each == [()]:
+        return [problem]
+    out: list[DesignProblem] = []
+    for used, left in product(each, _subsets(loads)):
+        kept = used or stations
+        fixed = sum(problem.reading.stations[s].cost for s in kept)
+        fixed += sum(problem.loads[g].change for g in loads if g not in left)
+        total = problem.total - fixed
+        counts = tuple(0 if g in left else c for g, c in enumerate(problem.counts))
+        need = float(problem.prices @ [m for m in problem.least])
+        if total < max(need, float(problem.prices.min())) or any(problem.least[g] for g in left):
+            continue
+        if all(c == 0 for c in counts):
+            continue
+        out.append(replace(problem.of_stations(kept), total=total, counts=counts))
+    if not out:
+        raise InputError(f"a budget of {problem.total:g} does not pay for one station and one load with its poses")
+    return [own for own in out if _has_rank(own)] or out
+
+
+def _has_rank(problem: DesignProblem) -> bool:
+    try:
+        require_rank(problem)
+    except NotIdentifiable:
+        return False
+    return True
+
+
+def _subsets(of: Sequence[int]) -> list[tuple[int, ...]]:
+    return [some for k in range(len(of) + 1) for some in combinations(of, k)]
+
+
+def _some(of: Sequence[int]) -> list[tuple[int, ...]]:
+    return [some for some in _subsets(of) if some]
 
 
 def _prior(
     experiment: Experiment, wish: Wish, taken: Sequence[Plan | Readings], names: Sequence[str], samples: Array
 ) -> Array:
     """Information (S, p, p) that is there before: stated sds, readings and plans taken already."""
-    parameters = experiment.fit_parameters()
+    model = experiment.model()
+    parameters = [model.parameters[i] for i in model.index(names)]
     stated = np.array([1.0 if wish.prior and p.sd else 0.0 for p in parameters])
     total = np.tile(np.diag(stated), (len(samples), 1, 1))
     for one in taken:
@@ -99,16 +194,20 @@ def _prior(
 
 
 def _criterion(problem: DesignProblem, wish: Wish, test_poses: Poses | None) -> Criterion:
-    model = problem.experiment.model()
-    model.index(wish.interest)  # an InputError names the nearest
-    strange = [name for name in wish.interest if name not in problem.names]
+    experiment = problem.experiment
+    experiment.model().index(wish.interest)  # an InputError names the nearest
+    strange = [name for name in wish.interest if name not in experiment.fit_names()]
     if strange:
         raise InputError(f"parameters of interest that are not fitted: {', '.join(strange)}")
+    held = {own.name: own for own in problem.held}
+    if lost := [held[name].words() for name in wish.interest if name in held]:
+        raise NotIdentifiable(f"parameters of interest that no plan of these readings tells: {'; '.join(lost)}")
     interest = [problem.names.index(name) for name in wish.interest]
-    tip = None
+    tip, width = None, problem.reading.width
     if wish.criterion in ("I", "G"):
-        tip = tip_rows(problem.experiment, test_poses, problem.pendant, problem.names)
-    return find_criterion(wish.criterion, interest, len(problem.names), tip)
+        tip = tip_rows(experiment, test_poses, problem.pendant, problem.names)
+        tip = np.pad(tip, ((0, 0), (0, 0), (0, width - len(problem.names))))
+    return find_criterion(wish.criterion, interest, width, tip, problem.wanted.tolist())
 
 
 def _exact(
@@ -150,13 +249,13 @@ def _exact(
 
 def _shortlist(problem: DesignProblem, relaxed: Relaxed) -> Indices:
     """The candidates that score best at the relaxed design, some of every load, and those that carry weight."""
-    size = problem.per_load
     each = max(_SHORTLIST // len(problem.loads), 50)
     parts = [relaxed.index]
     for g in range(len(problem.loads)):
-        values = relaxed.scores[g * size : (g + 1) * size]
-        top = np.argpartition(-values, each - 1)[:each] if each < size else np.arange(size)
-        parts.append(g * size + top)
+        own = problem.indices(g)
+        values = relaxed.scores[own]
+        top = np.argpartition(-values, each - 1)[:each] if each < len(own) else np.arange(len(own))
+        parts.append(own[top])
     return np.unique(np.concatenate(parts))
 
 
@@ -170,16 +269,19 @@ def _splits(
         rest = round(problem.total) - sum(c for c in fixed if c is not None)
         return [(*stated, (free, rest)) if free and rest else stated]
     return [
-        tuple(((g,), c) for g, c in enumerate(counts) if c) for counts in _affordable(problem, relaxed, wish.budget)
+        tuple(((g,), c) for g, c in enumerate(counts) if c) for counts in _affordable(problem, relaxed, problem.total)
     ]
 
 
 def _affordable(problem: DesignProblem, relaxed: Relaxed, budget: float) -> list[tuple[int, ...]]:
     """Numbers of poses per load near the relaxed shares that cost at most the budget and waste little of it."""
     costs = problem.prices
-    share = np.bincount(problem.load(relaxed.index), relaxed.weights, len(costs)) * budget / costs
+    share = shares(problem, relaxed) * budget / costs
     least = [max(m, c or 0) for m, c in zip(problem.least, problem.counts, strict=True)]
-    ranges = [range(max(int(s) - _NEAR, m), int(s) + _NEAR + 2) for s, m in zip(share, least, strict=True)]
+    ranges = [
+        range(1) if c == 0 else range(max(int(s) - _NEAR, m), int(s) + _NEAR + 2)
+        for s, m, c in zip(share, least, problem.counts, strict=True)
+    ]
     found = [c for c in product(*ranges) if np.dot(c, costs) <= budget + 1e-9 and sum(c) > 0]
     tight = [c for c in found if np.dot(c, costs) + costs.min() > budget + 1e-9]
     if not tight:
@@ -195,29 +297,19 @@ def _quotas(
     return Quotas(groups, tuple(count for _, count in counts), problem.place(short), repeats)
 
 
-def _plan(
-    problem: DesignProblem,
-    rule: Robust,
-    wish: Wish,
-    relaxed: Relaxed,
-    chosen: Indices,
-    counts: Indices,
-    seed: int,
-    tell: Progress,
-) -> Plan:
-    """Put the chosen candidates, polished, and the certificate into a Plan."""
+def _plan(one: _Tried, rule: Robust, wish: Wish, bound: float, seed: int, tell: Progress) -> Plan:
+    """Put the chosen candidates, polished, and the certificate into a Plan. bound: no plan has a criterion below it"""
+    problem, relaxed, chosen, counts = one.problem, one.relaxed, one.chosen, one.counts
     total = int(counts.sum())
     M = problem.prior + _settled_information(problem, chosen, counts.astype(float))
-    best = relaxed.information
-    if problem.linear:
-        best = problem.prior / problem.total + _settled_information(problem, relaxed.index, relaxed.weights)
-    relaxed_value = float(rule.value(best)) / problem.total
-    before = relaxed.efficiency * relaxed_value / float(rule.value(M))
+    relaxed_value = _relaxed_value(problem, rule, relaxed)
+    efficiency = relaxed.efficiency if bound >= one.bound else bound / relaxed_value
+    before = efficiency * relaxed_value / float(rule.value(M))
     poses, polished = problem.batch(chosen), None
     if wish.polish:
         pendant = polish(problem, rule, chosen, counts, lambda i, n: tell("polish", i, n))
         poses = replace(poses, pendant=pendant, q=problem.experiment.robot.controller.to_joints(pendant))
-        rows = problem.rows_of(poses)
+        rows = problem.rows_at(pendant, chosen)
         M = problem.prior + sum(c * np.swapaxes(r, -1, -2) @ r for c, r in zip(counts, rows, strict=True))
         polished = before
     value = float(rule.value(M))
@@ -225,18 +317,22 @@ def _plan(
         criterion=rule.name,
         value=value,
         relaxed_value=relaxed_value,
-        relaxed_efficiency=relaxed.efficiency,
-        efficiency=relaxed.efficiency * relaxed_value / value,
+        relaxed_efficiency=efficiency,
+        efficiency=efficiency * relaxed_value / value,
         candidates=len(problem.rows),
         poses=total,
         parameters=problem.names,
         solver=SOLVER if wish.solver == "cvxpy" else "column generation",
         polished_from=polished,
-        notes=(*_notes(problem, rule, M[0]), *((_FIRST_STEP,) if problem.linear else ())),
+        notes=(
+            *_notes(problem, rule, M[0], np.bincount(problem.load(chosen), minlength=len(problem.loads))),
+            *((_FIRST_STEP,) if problem.linear else ()),
+        ),
     )
-    load = problem.load(chosen)
-    order = np.lexsort((*poses.pendant.T[::-1], load))
+    load, station = problem.load(chosen), problem.station(chosen)
+    order = np.lexsort((*poses.pendant.T[::-1], load, station))
     names = tuple(problem.loads[int(g)].name for g in load[order])
+    stations = tuple(problem.reading.stations[int(s)].name for s in station[order])
     return make_plan(
         poses.take(order),
         names,
@@ -245,6 +341,7 @@ def _plan(
         certificate,
         seed,
         units=problem.experiment.robot.controller.units,
+        station=stations,
     )
 
 
@@ -252,20 +349,32 @@ def _settled_information(problem: DesignProblem, index: Indices, weights: Array)
     """M (S, p, p) of chosen candidates and their weights, where they settle."""
     if not problem.linear:
         return gathered_information(problem.rows, index, weights)
-    return gathered_information(as_rows(problem.rows_of(problem.batch(index))), np.arange(len(index)), weights)
+    return gathered_information(as_rows(problem.made(index)), np.arange(len(index)), weights)
 
 
-def _notes(problem: DesignProblem, rule: Robust, M: Array) -> tuple[str, ...]:
-    """What a user should know about a criterion that depends on the parameters' scales."""
-    if not rule.inner.depends_on_scale:
-        return ()
-    variance = np.diag(np.linalg.inv(M))
-    share = variance / variance.sum()
+def _notes(problem: DesignProblem, rule: Robust, M: Array, counts: Indices) -> tuple[str, ...]:
+    """What a user should know: what is held, loads that nothing is planned under, and a criterion that depends on the
+    parameters' scales. counts (loads,): poses under each"""
     notes: list[str] = []
+    if problem.held:
+        shown = ", ".join(own.name for own in problem.held[:6])
+        more = f" and {len(problem.held) - 6} more" if len(problem.held) > 6 else ""
+        notes.append(f"held at nominal, for no plan of these readings tells them: {shown}{more}")
+    if any(load.of_positions for load in problem.loads):
+        notes += [
+            f"no pose is planned under {load.name or 'no load'}: leave it out, or state its poses_min"
+            for load, count in zip(problem.loads, counts, strict=True)
+            if not count
+        ]
+    if not rule.inner.depends_on_scale:
+        return tuple(notes)
+    wanted = problem.wanted
+    variance = np.diag(np.linalg.inv(M))[wanted]
+    share = variance / variance.sum()
     worst = int(np.argmax(share))
     if len(share) > 2 and share[worst] > _LOPSIDED:
         notes.append(
-            f"criterion {rule.name} is all but decided by {problem.names[worst]} ({100 * share[worst]:.0f} % of the "
-            "scaled variances): it depends on the scale given to each parameter; D and I do not"
+            f"criterion {rule.name} is all but decided by {problem.names[wanted[worst]]} ({100 * share[worst]:.0f} % "
+            "of the scaled variances): it depends on the scale given to each parameter; D and I do not"
         )
     return tuple(notes)

@@ -11,7 +11,7 @@ from qsframework.design.interior import moments_of
 from qsframework.design.minimax import Robust
 from qsframework.design.problem import DesignProblem
 from qsframework.information.rows import block_scores, root
-from qsframework.plugin import Array, Indices, Poses
+from qsframework.plugin import Array, Indices
 
 _STEP = 1e-5
 _SIZES = np.array([0.3, 0.1, 0.03, 0.01, 0.003, 0.001])
@@ -28,12 +28,11 @@ def polish(
     Every pose climbs along its own slope of the criterion; the longest step that helps and keeps the
     constraints is taken.
     """
-    poses = problem.batch(chosen)
-    pendant, wrench = poses.pendant.copy(), poses.wrench
-    moments = _moments(problem, pendant, wrench)
+    pendant = problem.pendant[problem.place(chosen)]
+    moments = _moments(problem, pendant, chosen)
     value = start = _value(problem, rule, moments, counts)
     for turn in range(_ROUNDS):
-        moved = _moved(problem, rule, pendant, wrench, counts, moments, value)
+        moved = _moved(problem, rule, pendant, chosen, counts, moments, value)
         if progress is not None:
             progress(turn + 1, _ROUNDS)
         if moved is None:
@@ -43,7 +42,7 @@ def polish(
             break
         (pendant, moments), value = moved, new
     rounded = _rounded(problem, pendant)
-    better = _value(problem, rule, _moments(problem, rounded, wrench), counts) <= start
+    better = _value(problem, rule, _moments(problem, rounded, chosen), counts) <= start
     return rounded if better else pendant
 
 
@@ -67,13 +66,9 @@ def _scales(problem: DesignProblem) -> Array:
     return np.where(problem.experiment.robot.controller.units.sliding, (upper - lower) / np.pi, 1.0)
 
 
-def _batch(problem: DesignProblem, pendant: Array, wrench: Array) -> Poses:
-    return Poses(pendant, problem.experiment.robot.controller.to_joints(pendant), wrench)
-
-
-def _moments(problem: DesignProblem, pendant: Array, wrench: Array) -> Array:
-    """Information M_i (m, S, p, p) of each pose."""
-    return moments_of(problem.rows_of(_batch(problem, pendant, wrench)))
+def _moments(problem: DesignProblem, pendant: Array, chosen: Indices) -> Array:
+    """Information M_i (m, S, P, P) of each pose, read as the candidates are."""
+    return moments_of(problem.rows_at(pendant, chosen))
 
 
 def _value(problem: DesignProblem, rule: Robust, moments: Array, counts: Indices) -> float:
@@ -87,7 +82,7 @@ def _kept(problem: DesignProblem, pendant: Array) -> Array:
 
 
 def _moved(
-    problem: DesignProblem, rule: Robust, pendant: Array, wrench: Array, counts: Indices, M_each: Array, value: float
+    problem: DesignProblem, rule: Robust, pendant: Array, chosen: Indices, counts: Indices, M_each: Array, value: float
 ) -> tuple[Array, Array] | None:
     """One pose after the other a step along its slope, each step tried against the present plan.
 
@@ -99,7 +94,7 @@ def _moved(
     roots = [root(G) for G in rule.expansion(M, 1e-3).slope]
     scales, units = _scales(problem), problem.experiment.robot.controller.units
     shifted = pendant[:, None, None] + _STEP * scales * np.stack([np.eye(n), -np.eye(n)], axis=1)[None]
-    rows = problem.rows_of(_batch(problem, shifted.reshape(-1, n), np.repeat(wrench, 2 * n, axis=0)))
+    rows = problem.rows_at(shifted.reshape(-1, n), np.repeat(chosen, 2 * n))
     ends = block_scores(rows, roots).reshape(count, n, 2)
     slope = (ends[..., 0] - ends[..., 1]) / (2.0 * _STEP)
     fixed = [problem.experiment.robot.facts.joint_index(j) for j in problem.experiment.constraints.joint_values]
@@ -109,7 +104,7 @@ def _moved(
     trials = np.clip(units.si(np.round(units.shown(moved), _DIGITS[0])), lower, upper)
     flat = trials.reshape(-1, n)
     kept = _kept(problem, flat).reshape(count, -1)
-    moments = _moments(problem, flat, np.repeat(wrench, len(_SIZES), axis=0)).reshape(count, len(_SIZES), *M.shape)
+    moments = _moments(problem, flat, np.repeat(chosen, len(_SIZES))).reshape(count, len(_SIZES), *M.shape)
     out, M_out, changed = pendant.copy(), M_each.copy(), False
     for i in range(count):
         values = np.atleast_1d(rule.value(M + counts[i] * (moments[i] - M_each[i])))

@@ -1,4 +1,4 @@
-"""A design problem: every allowed pose under every load is a candidate, with its whitened rows."""
+"""A design problem: every allowed pose under every load, from every station, is a candidate with its whitened rows."""
 
 from __future__ import annotations
 
@@ -8,22 +8,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from qsframework.design.candidates import Candidates
+from qsframework.design.reading import FRAME_SD, Reading, StationRows, sample_rows
 from qsframework.elastostatics import Model
-from qsframework.errors import InputError, NotConverged, NotIdentifiable
-from qsframework.estimation import RankTest, left, orthonormal, rank_test, scales
-from qsframework.experiment import Experiment, LoadCase, Plan, Readings, make_rows
-from qsframework.experiment.readings import UNSTATED
+from qsframework.errors import InputError, NotIdentifiable, Problem
+from qsframework.estimation import RankTest, rank_test, scales
+from qsframework.experiment import Experiment, LoadCase, Plan, Readings
+from qsframework.experiment.frames import AXES
+from qsframework.experiment.observations import start_values
 from qsframework.experiment.simulate import prior_draws
-from qsframework.information import (
-    Allowed,
-    CandidateRows,
-    MadeRows,
-    as_rows,
-    information_rows,
-    loss_words,
-)
+from qsframework.experiment.stations import Station
+from qsframework.information import Allowed, CandidateRows, MadeRows, as_rows, loss_words
+from qsframework.information.identifiable import LeftAside, choose, in_order, kinds_of, limits_of
 from qsframework.information.rows import gathered_information
-from qsframework.plugin import Array, Indices, Poses
+from qsframework.information.sensitivities import plan_columns, readings_columns, sd_of_taken
+from qsframework.plugin import Array, Indices, Poses, Sensor
 from qsframework.work import HERE, Work, run
 
 HELD_BYTES = 4_000_000_000
@@ -36,35 +34,64 @@ _TRIED, _ALIKE = 512, 0.05
 """Beyond, so many of them say whether the first step from the commanded pose ranks alike: where the information of any
 combination of parameters differs by less than this share."""
 _TEST_POSES = 200
+_HELD = 2000
+"""Candidates that are asked which parameters positions tell."""
+Prior = Callable[[Sequence[str]], Array]
 Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class DesignProblem:
-    """N candidates, load by load: the poses (P, n), the rows, and how many poses of the plan each load gets.
+    """Candidates station by station, of each load by load: the poses (N, n), the rows, and how many poses of the plan
+    each load gets.
 
     total: number of poses, or the budget; prices (loads,): what a pose under each load takes of it;
     counts: per load, None where the loads that say no number share the rest; least: per load at least so many;
-    prior: information (S, p, p) that is there before; samples: parameter values (S, q) that the rows are taken at;
-    linear: the rows are those of the first step from the commanded pose, which ranks alike
+    prior: information (S, P, P) that is there before; stations: those in use, among all of the reading;
+    linear: the rows are those of the first step from the commanded pose, which ranks alike;
+    held: parameters of `fit` that no plan over the candidates tells, with what they are confounded with
     """
 
     experiment: Experiment
     pendant: Array
-    loads: tuple[LoadCase, ...]
+    reading: Reading
     counts: tuple[int | None, ...]
     least: tuple[int, ...]
     total: float
     prices: Array
-    names: tuple[str, ...]
-    samples: Array
     rows: CandidateRows
     prior: Array
+    stations: tuple[int, ...]
     linear: bool = False
+    held: tuple[LeftAside, ...] = ()
 
     @property
     def per_load(self) -> int:
         return len(self.pendant)
+
+    @property
+    def loads(self) -> tuple[LoadCase, ...]:
+        return self.reading.loads
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The parameters that the rows are for, before the motions of the frames."""
+        return self.reading.names
+
+    @property
+    def samples(self) -> Array:
+        """Parameter values (S, q) that the rows are taken at."""
+        return self.reading.samples
+
+    @property
+    def wanted(self) -> Indices:
+        """Places of the parameters that a plan is for, among the columns: where positions are read, not those of
+        markers, nor the frames."""
+        if not any(load.of_positions for load in self.loads):
+            return np.arange(len(self.names))
+        markers = kinds_of(self.experiment.model(), Sensor)
+        own = np.flatnonzero([name not in markers for name in self.names])
+        return own if len(own) else np.arange(len(self.names))
 
     def place(self, index: Indices) -> Indices:
         """The pose, a row of `pendant`, of candidates."""
@@ -72,17 +99,50 @@ class DesignProblem:
 
     def load(self, index: Indices) -> Indices:
         """The load of candidates."""
-        return np.asarray(index) // self.per_load
+        return np.asarray(index) // self.per_load % len(self.loads)
+
+    def station(self, index: Indices) -> Indices:
+        """The station of candidates, among all of the reading."""
+        return np.array(self.stations)[np.asarray(index) // (self.per_load * len(self.loads))]
+
+    def indices(self, load: int) -> Indices:
+        """The candidates of a load."""
+        size, each = self.per_load, self.per_load * len(self.loads)
+        starts = each * np.arange(len(self.stations)) + load * size
+        return (starts[:, None] + np.arange(size)).ravel()
+
+    def members(self, load: int) -> slice | Indices:
+        """The same, as a slice where they stand together."""
+        first = load * self.per_load
+        return slice(first, first + self.per_load) if len(self.stations) == 1 else self.indices(load)
 
     def batch(self, index: Indices) -> Poses:
         """The candidates' angles and wrenches."""
-        pendant = self.pendant[self.place(index)]
-        wrench = np.stack([load.wrench for load in self.loads])[self.load(index)]
+        return self.poses_at(self.pendant[self.place(index)], self.load(index))
+
+    def poses_at(self, pendant: Array, load: Indices) -> Poses:
+        """Pendant angles (m, n) under loads (m,)."""
+        wrench = np.stack([case.wrench for case in self.loads])[load]
         return Poses(pendant, self.experiment.robot.controller.to_joints(pendant), wrench)
 
-    def rows_of(self, poses: Poses, linear: bool = False) -> Array:
-        """Whitened scaled rows (m, S, 3 K, p) of any poses, where they settle."""
-        return sample_rows(self.experiment, poses, self.names, self.samples, linear)
+    def rows_at(self, pendant: Array, index: Indices, linear: bool = False) -> Array:
+        """Whitened scaled rows (m, S, 3 K, P) at angles (m, n), read as the candidates (m,) are, where they settle."""
+        load = self.load(index)
+        return self.reading.rows(self.poses_at(pendant, load), load, self.station(index), linear)
+
+    def made(self, index: Indices, linear: bool = False) -> Array:
+        """The same of candidates as they are."""
+        return self.rows_at(self.pendant[self.place(index)], index, linear)
+
+    def of_stations(self, stations: tuple[int, ...]) -> DesignProblem:
+        """The problem with some of its stations only."""
+        if stations == self.stations:
+            return self
+        assert isinstance(self.rows, StationRows)
+        where = [self.stations.index(s) for s in stations]
+        return replace(
+            self, rows=replace(self.rows, weights=self.rows.weights[where], used=stations), stations=stations
+        )
 
     @property
     def priced(self) -> bool:
@@ -90,42 +150,70 @@ class DesignProblem:
         return bool((self.prices != 1.0).any())
 
 
-def sample_rows(
-    experiment: Experiment, poses: Poses, names: Sequence[str], samples: Array, linear: bool = False
-) -> Array:
-    """Whitened rows (m, S, 3 K, p) of poses at S samples of the parameters; zero where a pose does not settle."""
-    model, sigma = experiment.model(), experiment.noise.sigma or 1.0
-    try:
-        return np.stack([information_rows(model, poses, names, sigma, x, linear) for x in samples], axis=1)
-    except NotConverged:
-        if len(poses) == 1:
-            return np.zeros((1, len(samples), 3 * len(model.markers), len(names)))
-    halves = (slice(0, len(poses) // 2), slice(len(poses) // 2, None))
-    return np.concatenate([sample_rows(experiment, poses.take(half), names, samples, linear) for half in halves])
-
-
 def make_problem(
     experiment: Experiment,
     candidates: Candidates | Array,
     total: float,
     samples: Array | None = None,
-    prior: Array | None = None,
+    prior: Prior | None = None,
     budget: bool = False,
     progress: Progress | None = None,
     work: Work = HERE,
 ) -> DesignProblem:
-    """Every allowed pose under every load case is a candidate of its own."""
-    if not experiment.loads:
-        raise InputError(f"{experiment.path}: a design needs `loads`, for example - {{name: weight, fz_N: -4000}}")
-    if experiment.noise.sigma is None:
-        raise InputError(f"{experiment.path}: a design needs the noise, for example noise: {{sigma_mm: 0.03}}")
+    """Every allowed pose under every load case, from every station, is a candidate of its own.
+
+    prior: information (S, p, p) of the named parameters that is there before
+    """
+    loads = experiment.cases
+    if not loads:
+        raise InputError(
+            f"{experiment.path}: a design needs `loads`, for example - {{name: weight, fz_N: -4000}}; `positions: "
+            "{}` plans positions without a load"
+        )
     pendant = candidates.pendant if isinstance(candidates, Candidates) else np.asarray(candidates, dtype=float)
     if not np.isfinite(pendant).all():
         bad = ", ".join(str(i) for i in np.flatnonzero(~np.isfinite(pendant).all(axis=1))[:5])
         raise InputError(f"candidate poses with angles that are not numbers: rows {bad}")
-    counts = tuple(load.poses for load in experiment.loads)
-    least = tuple(load.poses_min or 0 for load in experiment.loads)
-    prices = np.array([load.cost if budget else 1.0 for load in experiment.loads])
+    counts = tuple(load.poses for load in loads)
+    least = tuple(load.poses_min or 0 for load in loads)
+    prices = np.array([load.cost if budget else 1.0 for load in loads])
+    _check_counts(counts, least, prices, total, budget)
+    reading = make_reading(experiment, samples)
+    pendant = seen_by_some(reading, pendant)
+    draft = DesignProblem(
+        experiment=experiment,
+        pendant=pendant,
+        reading=reading,
+        counts=counts,
+        least=least,
+        total=total,
+        prices=prices,
+        rows=as_rows(np.zeros((0, 1, 1, 1))),
+        prior=np.zeros((len(reading.samples), reading.width, reading.width)),
+        stations=tuple(range(len(reading.stations))),
+    )
+    draft = _identifiable(draft, prior or (lambda of: _none(reading, of)))
+    draft = replace(draft, linear=_first_step_ranks_alike(draft))
+    return replace(draft, rows=_rows(draft, progress, work))
+
+
+def _none(reading: Reading, names: Sequence[str]) -> Array:
+    return np.zeros((len(reading.samples), len(names), len(names)))
+
+
+def _with_prior(problem: DesignProblem, prior: Prior) -> DesignProblem:
+    """With what is there before of its parameters, and next to nothing of the frames."""
+    p, width = len(problem.names), problem.reading.width
+    whole = np.zeros((len(problem.samples), width, width))
+    whole[:, :p, :p] = prior(problem.names)
+    whole[:, p:, p:] = np.eye(width - p) / FRAME_SD**2
+    return replace(problem, prior=whole)
+
+
+def _check_counts(
+    counts: tuple[int | None, ...], least: tuple[int, ...], prices: Array, total: float, budget: bool
+) -> None:
+    """InputError where the numbers of poses that the loads ask for do not fit the plan."""
     asked = float(prices @ [(c or 0) + m for c, m in zip(counts, least, strict=True)])
     if budget and any(counts):
         raise InputError("with a budget the loads say poses_min, not poses: the numbers follow from their costs")
@@ -133,24 +221,90 @@ def make_problem(
         raise InputError(f"the poses_min of the loads cost {asked:g} in all, the budget is {total:g}")
     if asked > total or (None not in counts and asked != total):
         raise InputError(f"the loads ask for {asked:g} poses in all, the plan has {total:g}")
-    names = experiment.fit_names()
-    at = experiment.model().nominal[None] if samples is None else samples
-    start = np.zeros((len(at), len(names), len(names))) if prior is None else prior
-    draft = DesignProblem(
+
+
+def make_reading(experiment: Experiment, samples: Array | None = None) -> Reading:
+    """How an experiment's candidates are read. InputError where nobody states the noise."""
+    names, loads = experiment.fit_names(), experiment.cases
+    at = start_values(experiment, names)[None] if samples is None else samples
+    stations = experiment.stations or (Station(),)
+    known = {frame.series for frame in experiment.frames}
+    reads = any(load.of_positions for load in loads)
+    unknown = [s.name for s in stations if s.name not in known] if reads else []
+    reading = Reading(
         experiment=experiment,
-        pendant=pendant,
-        loads=experiment.loads,
-        counts=counts,
-        least=least,
-        total=total,
-        prices=prices,
         names=names,
         samples=at,
-        rows=as_rows(np.zeros((0, 1, 1, 1))),
-        prior=start,
+        loads=loads,
+        stations=stations,
+        slots=tuple(unknown.index(s.name) if s.name in unknown else None for s in stations),
     )
-    draft = replace(draft, linear=_first_step_ranks_alike(draft))
-    return replace(draft, rows=_rows(draft, progress, work))
+    reading.require_noise()
+    return reading
+
+
+def seen_by_some(reading: Reading, pendant: Array) -> Array:
+    """The poses at which some station sees a marker. InputError where there is none."""
+    experiment = reading.experiment
+    if any(s.xyz is None for s in reading.stations) or any(load.gauge is not None for load in reading.loads):
+        return pendant
+    q = experiment.robot.controller.to_joints(pendant)
+    seen = np.logical_or.reduce([s.sees(experiment, q).any(axis=1) for s in reading.stations])
+    if not seen.any():
+        names = ", ".join(s.name for s in reading.stations)
+        hint = "Move a station, add one (stations: in the experiment), or put markers on another side of the arm."
+        message = f"no station sees a marker at any of the {len(pendant)} allowed poses: {names}"
+        raise InputError(Problem(message, str(experiment.path), hint=hint))
+    return pendant[seen]
+
+
+def _identifiable(problem: DesignProblem, prior: Prior) -> DesignProblem:
+    """The problem for the parameters that the candidates tell beside the frames, as a fit would take them.
+
+    InputError where one that no plan tells was asked for by its own name. Of displacements nothing is held: where they
+    do not tell a parameter, `require_rank` says what would.
+    """
+    if not any(load.of_positions for load in problem.loads):
+        return _with_prior(problem, prior)
+    experiment, names = problem.experiment, in_order(problem.experiment.model(), problem.names)
+    count = problem.per_load * len(problem.loads) * len(problem.stations)
+    some = np.sort(np.random.default_rng(0).choice(count, min(_HELD, count), replace=False))
+    block = problem.made(some)[:, 0].reshape(-1, problem.reading.width)
+    p, order = len(names), [problem.names.index(n) for n in names]
+    columns = np.concatenate([block[:, p:], block[:, :p][:, order]], axis=1) * np.sqrt(problem.total / len(some))
+    before = np.zeros((p, columns.shape[1]))
+    before[:, -p:] = _root(prior(names)[0])
+    labels = [f"frame[{s.name}].{a}".replace("[]", "") for s in _unknown(problem) for a in AXES]
+    limits = np.concatenate([np.full(len(labels), np.inf), limits_of(experiment.model(), names)])
+    taken, held = choose(np.concatenate([columns, before]), [*labels, *names], limits)
+    held = tuple(h for h in held if h.name in names)
+    by_name = [h for h in held if h.name in (experiment.fit or ())]
+    if by_name or len(held) == len(names):
+        raise NotIdentifiable(
+            f"{experiment.path}: no plan of these readings tells {', '.join(h.name for h in by_name or held[:6])}: "
+            f"{'; '.join(h.words() for h in (by_name or held)[:6])}. {_what_to_change(problem, by_name or held)}"
+        )
+    kept = [labels_names for i in taken if (labels_names := [*labels, *names][i]) in names]
+    reading = replace(problem.reading, names=tuple(n for n in problem.names if n in kept))
+    return _with_prior(replace(problem, reading=reading, held=held), prior)
+
+
+def _unknown(problem: DesignProblem) -> list[Station]:
+    """The stations whose frame nobody knows."""
+    return [s for s, slot in zip(problem.reading.stations, problem.reading.slots, strict=True) if slot is not None]
+
+
+def _what_to_change(problem: DesignProblem, held: Sequence[LeftAside]) -> str:
+    """What would tell parameters that nothing tells."""
+    absorbers = {name for h in held for name in h.absorbed_by}
+    if any(name.startswith("frame") for name in absorbers):
+        return "State where the base is in the tracker's frame (frames: in the experiment), or leave them out of `fit`"
+    if not absorbers and problem.experiment.has_load and not problem.experiment.loads:
+        return "They need readings under load: add `loads`, or leave them out of `fit`"
+    if any(load.of_positions for load in problem.loads) and len(problem.loads) == 1:
+        advice = "Leave them out of `fit`, or add markers off the last axis and on other links"
+        return f"{advice}; springs need `loads`"
+    return "Leave them out of `fit`, or leave out what they are confounded with"
 
 
 def _first_step_ranks_alike(problem: DesignProblem) -> bool:
@@ -159,9 +313,10 @@ def _first_step_ranks_alike(problem: DesignProblem) -> bool:
     count = problem.per_load * len(problem.loads)
     if count * len(problem.samples) <= _SETTLED:
         return False
-    some = problem.batch(np.sort(np.random.default_rng(0).choice(count, _TRIED, replace=False)))
+    some = np.sort(np.random.default_rng(0).choice(count, _TRIED, replace=False))
     linear, settled = (
-        np.einsum("nskp,nskq->spq", rows, rows) for rows in (problem.rows_of(some, True), problem.rows_of(some))
+        np.einsum("nskp,nskq->spq", rows, rows) + problem.prior
+        for rows in (problem.made(some, True), problem.made(some))
     )
     for one, other in zip(linear, settled, strict=True):
         size = np.sqrt(np.diag(other))
@@ -176,24 +331,44 @@ def _first_step_ranks_alike(problem: DesignProblem) -> bool:
 
 
 def _rows(problem: DesignProblem, progress: Progress | None, work: Work) -> CandidateRows:
+    """Rows of all candidates; of several stations those of one, and what each of the stations makes of them."""
+    reading, plain = problem.reading, problem.reading.plain
     count = problem.per_load * len(problem.loads)
-    shape = (count, len(problem.samples), 3 * len(problem.experiment.markers), len(problem.names))
-    if 8 * np.prod(shape, dtype=float) > HELD_BYTES:
-        return MadeRows(lambda index: problem.rows_of(problem.batch(index), problem.linear), shape)
-    out = np.empty(shape)
-    shared = (problem.experiment, problem.names, problem.samples, problem.linear)
+    width = len(problem.names) if plain else len(problem.names) + 6
+    shape = (count, len(problem.samples), 3 * len(problem.experiment.markers), width)
+    kept, weights = 8 * np.prod(shape, dtype=float) <= HELD_BYTES, np.zeros((0, 0, 0))
+    if plain and not kept:
+        return MadeRows(lambda index: problem.made(index, problem.linear), shape)
+    out = np.empty(shape if kept else (0, 0, 0, 0))
+    if not plain:
+        weights = np.zeros((len(problem.stations), count, len(problem.experiment.markers)))
     starts = range(0, count, _CHUNK)
-    tasks = (problem.batch(np.arange(start, min(start + _CHUNK, count))) for start in starts)
-    for start, rows in zip(starts, run(_chunk, shared, tasks, work), strict=True):
-        out[start : start + len(rows)] = rows
+    parts = (np.arange(start, min(start + _CHUNK, count)) for start in starts)
+    tasks = ((problem.batch(part), problem.load(part)) for part in parts)
+    for start, (rows, weight) in zip(starts, run(_chunk, (reading, problem.linear), tasks, work), strict=True):
+        part = slice(start, start + len(rows))
+        if kept:
+            out[part] = rows
+        if not plain:
+            weights[:, part] = weight
         if progress is not None:
             progress(start + len(rows), count)
-    return as_rows(out)
+    if plain:
+        return as_rows(out)
+    source = as_rows(out)
+    if not kept:
+        source = MadeRows(lambda i: reading.bare(problem.batch(i), problem.load(i), problem.linear)[0], shape)
+    return StationRows(reading, source, weights, problem.stations)
 
 
-def _chunk(shared: tuple[Experiment, tuple[str, ...], Array, bool], poses: Poses) -> Array:
-    experiment, names, samples, linear = shared
-    return sample_rows(experiment, poses, names, samples, linear)
+def _chunk(shared: tuple[Reading, bool], task: tuple[Poses, Indices]) -> tuple[Array, Array]:
+    """Rows of poses, and their weights from every station."""
+    (reading, linear), (poses, load) = shared, task
+    if reading.plain:
+        return sample_rows(reading.experiment, poses, reading.names, reading.samples, linear), np.zeros((0, 0, 0))
+    bare, places = reading.bare(poses, load, linear)
+    each = range(len(reading.stations))
+    return bare, np.stack([reading.weights(poses, places, load, np.full(len(poses), s)) for s in each])
 
 
 def draw_samples(model: Model, count: int, seed: int) -> Array:
@@ -203,37 +378,37 @@ def draw_samples(model: Model, count: int, seed: int) -> Array:
 
 
 def tip_rows(experiment: Experiment, poses: Poses | None, candidates: Array, names: Sequence[str]) -> Array:
-    """Sensitivity (J, 3, p) of the load point at test poses, m per unit of each scaled parameter.
+    """Sensitivity (J, 3, p) of the load point at test poses, m per unit of each scaled parameter: of its position where
+    positions are planned, else of how far a load moves it.
 
     poses None: the first candidates under every load of the experiment stand for the work.
     """
     if poses is None:
-        few = candidates[:_TEST_POSES]
-        pendant = np.tile(few, (len(experiment.loads), 1))
-        wrench = np.repeat(np.stack([load.wrench for load in experiment.loads]), len(few), axis=0)
+        few, cases = candidates[:_TEST_POSES], experiment.cases
+        pendant = np.tile(few, (len(cases), 1))
+        wrench = np.repeat(np.stack([load.wrench for load in cases]), len(few), axis=0)
         poses = Poses(pendant, experiment.robot.controller.to_joints(pendant), wrench)
-    model = replace(experiment.model(), markers=(experiment.load_site,), marker_names=("load point",))
-    chosen = [model.parameters[i] for i in model.index(names)]
-    return model.sensitivity(poses, names=names)[:, 0] * scales(chosen)
+    model = experiment.model()
+    size = scales([model.parameters[i] for i in model.index(names)])
+    if not experiment.plans_positions:
+        tip = replace(model, markers=(experiment.load_site,), marker_names=("load point",))
+        return tip.sensitivity(poses, names=names)[:, 0] * size
+    both = (*model.markers, experiment.load_site), (*model.marker_names, "load point")
+    tip, x = replace(model, markers=both[0], marker_names=both[1]), start_values(experiment, names)
+    sensors = kinds_of(model, Sensor)  # of markers and the instrument, which move no tip
+    size = size * [name not in sensors for name in names]
+    return tip.position_sensitivity(poses, x, names=names, loaded=True)[:, -1] * size
 
 
 def taken_information(experiment: Experiment, taken: Plan | Readings, names: Sequence[str], samples: Array) -> Array:
     """Information (S, p, p) of readings already taken, or of the poses of a plan."""
-    if isinstance(taken, Plan):
+    if isinstance(taken, Plan) and not (taken.of_positions.any() or taken.station):
         rows = sample_rows(experiment, taken.poses, names, samples)
         weights = np.array(taken.repeats, dtype=float)
         return gathered_information(as_rows(rows), np.arange(len(rows)), weights)
-    rows, model = make_rows(taken), experiment.model()
-    unit = 1.0 if taken.stated else UNSTATED / (experiment.noise.sigma or 1.0)
-    size = scales([model.parameters[i] for i in model.index(names)])
-    out: list[Array] = []
-    for x in samples:
-        frames = rows.start(model, x)
-        k = 6 * len(frames)
-        white = rows.noise.whiten(rows.flat(rows.rates(model, x, frames, names)[1])) * unit
-        A = left(orthonormal(white[:, :k]), white[:, k:] * size)
-        out.append(A.T @ A)
-    return np.stack(out)
+    columns = plan_columns if isinstance(taken, Plan) else readings_columns
+    each = [columns(experiment, taken, names, x) for x in samples]  # pyright: ignore[reportArgumentType]
+    return np.stack([A.T @ A for A in each])
 
 
 def joint_sd(experiment: Experiment, taken: Sequence[Plan | Readings]) -> Array:
@@ -241,6 +416,8 @@ def joint_sd(experiment: Experiment, taken: Sequence[Plan | Readings]) -> Array:
     names = experiment.fit_names()
     nominal = experiment.model().nominal[None]
     M = sum((taken_information(experiment, one, names, nominal)[0] for one in taken), np.zeros((len(names),) * 2))
+    if experiment.plans_positions:
+        return sd_of_taken(experiment.model(), _root(M), names)
     size = np.sqrt(np.where(np.diag(M) > 0, np.diag(M), 1.0))
     values, vectors = np.linalg.eigh(M / np.outer(size, size))
     lost = values <= 1e-12 * values[-1]
@@ -251,16 +428,13 @@ def joint_sd(experiment: Experiment, taken: Sequence[Plan | Readings]) -> Array:
 
 def require_rank(problem: DesignProblem) -> None:
     """NotIdentifiable, in words, where no plan over the candidates can tell the parameters apart."""
-    used = [g for g, count in enumerate(problem.counts) if count is None or count > 0]
+    every = [problem.indices(g) for g, count in enumerate(problem.counts) if count is None or count > 0]
     rng = np.random.default_rng(0)
-    picks = [
-        g * problem.per_load + np.sort(rng.choice(problem.per_load, min(_SAMPLE, problem.per_load), replace=False))
-        for g in used
-    ]
+    picks = [own[np.sort(rng.choice(len(own), min(_SAMPLE, len(own)), replace=False))] for own in every]
     before = _root(problem.prior[0])
     if _tested(problem, np.concatenate(picks), before).full:
         return
-    everything = np.concatenate([np.arange(g * problem.per_load, (g + 1) * problem.per_load) for g in used])
+    everything = np.concatenate(every)
     test = _tested(problem, everything, before)
     if not test.full:
         said = loss_words(problem.experiment.model(), test, problem.batch(everything[:_SAMPLE]))
@@ -274,24 +448,24 @@ def _root(M: Array) -> Array:
 
 
 def _tested(problem: DesignProblem, index: Indices, before: Array) -> RankTest:
-    p = len(problem.names)
+    p = problem.reading.width
+    labels = [*problem.names, *(f"frame[{s.name}].{a}" for s in _unknown(problem) for a in AXES)]
     triangle = before
     for start in range(0, len(index), _SAMPLE):
         block = problem.rows.take(index[start : start + _SAMPLE])[:, 0].reshape(-1, p)
         triangle = np.asarray(np.linalg.qr(np.concatenate([triangle, block]), mode="r"), dtype=np.float64)
-    return rank_test(triangle, problem.names)
+    return rank_test(triangle, labels)
 
 
 def allowed_designs(problem: DesignProblem, fixed: tuple[int | None, ...], cap: float) -> Allowed:
     """Loads with a number are groups of their own; the others share one group. Shares are of `total`."""
-    size, total = problem.per_load, problem.total
+    total = problem.total
     taken = [(c or 0) * float(price) / total for c, price in zip(fixed, problem.prices, strict=True)]
-    groups: list[tuple[slice | Indices, float]] = [
-        (slice(g * size, (g + 1) * size), taken[g]) for g, c in enumerate(fixed) if c is not None
-    ]
+    groups = [(problem.members(g), taken[g]) for g, c in enumerate(fixed) if c is not None]
     free = [g for g, c in enumerate(fixed) if c is None]
     if free:
-        together = np.concatenate([np.arange(g * size, (g + 1) * size) for g in free])
-        whole = slice(free[0] * size, (free[-1] + 1) * size)
-        groups.append((whole if len(free) == free[-1] - free[0] + 1 else together, 1.0 - sum(taken)))
+        together = np.concatenate([problem.indices(g) for g in free])
+        whole = slice(int(together[0]), int(together[-1]) + 1)
+        in_one = len(together) == together[-1] - together[0] + 1 and len(problem.stations) == 1
+        groups.append((whole if in_one else together, 1.0 - sum(taken)))
     return Allowed(tuple(g for g, _ in groups), tuple(share for _, share in groups), cap)

@@ -75,6 +75,8 @@ def equivalent_poses(experiment: Experiment, plan: Plan, rtol: float = _RTOL) ->
 
     Repeats of a pose are not counted; a pair that no known symmetry joins is named "equal information".
     """
+    if plan.of_positions.any():  # the flip of a wrist tells its zeros
+        return ()
     rows = information_rows(experiment.model(), plan.poses, experiment.fit_names(), experiment.noise.sigma or 1.0)
     first, inverse = fold(information(rows), rtol)
     out: list[Twins] = []

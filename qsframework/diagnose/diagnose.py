@@ -64,7 +64,7 @@ from qsframework.experiment import Experiment, Readings, bridge, make_rows
 from qsframework.experiment.account import Account, account_of
 from qsframework.experiment.observations import REACH, ReadingRows, start_values, values_before
 from qsframework.identify.pose_spread import check_pose_spread
-from qsframework.identify.selection import in_order
+from qsframework.information.identifiable import in_order
 from qsframework.plugin import Array, Indices
 from qsframework.screening import Mistake, adopted, find_mistakes
 from qsframework.screening.convention_changes import ConventionChange

@@ -10,10 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pydantic
 
-from qsframework.errors import InputError, Problem
+from qsframework.errors import InputError, Problem, nearest
 from qsframework.experiment.columns import (
+    MOST_PROBLEMS,
     Check,
     Column,
     Table,
@@ -104,6 +106,18 @@ class Plan(Viewed):
     seed: int | None
     units: JointUnits | None = None
     """Of the joints; None: all of them turn."""
+    station: tuple[str, ...] = ()
+    """Of each pose, where the experiment names stations."""
+
+    @property
+    def stations(self) -> tuple[str, ...]:
+        """The station (n,) of each pose, "" where none is named."""
+        return self.station or ("",) * len(self.pose)
+
+    @property
+    def of_positions(self) -> npt.NDArray[np.bool_]:
+        """At which poses (n,) positions are read without a load; at the others displacements under one."""
+        return ~np.any(self.wrench, axis=1)
 
     @property
     def poses(self) -> Poses:
@@ -127,6 +141,7 @@ def make_plan(
     seed: int | None = None,
     names: Sequence[str] | None = None,
     units: JointUnits | None = None,
+    station: Sequence[str] = (),
 ) -> Plan:
     """A plan from poses, named p01, p02, ... unless said."""
     count = len(poses)
@@ -141,6 +156,7 @@ def make_plan(
         certificate=certificate,
         seed=seed,
         units=units,
+        station=tuple(station) if any(station) else (),
     )
 
 
@@ -178,6 +194,7 @@ def _columns(experiment: Experiment) -> list[Column]:
         *(Column(f, "number", "N", required=True) for f in ("fx", "fy", "fz")),
         *(Column(m, "number", "N m") for m in ("mx", "my", "mz")),
         Column("load", "text"),
+        Column("station", "text"),
         Column("repeats", "count"),
     ]
 
@@ -198,6 +215,7 @@ def write_plan(path: str | Path, plan: Plan, experiment: Experiment) -> None:
         "my_Nm",
         "mz_Nm",
         "load",
+        *(["station"] if plan.station else []),
         "repeats",
     ]
     rows = [
@@ -206,6 +224,7 @@ def write_plan(path: str | Path, plan: Plan, experiment: Experiment) -> None:
             *joint_cells(plan.pendant[i], joints),
             *map(number, plan.wrench[i].tolist()),
             plan.load[i],
+            *plan.station[i : i + 1],
             str(plan.repeats[i]),
         ]
         for i in range(len(plan.pose))
@@ -234,18 +253,20 @@ def read_plan(path: str | Path, experiment: Experiment) -> Plan:
     zero = np.zeros(len(names))
     wrench = np.stack([table.numbers.get(c, zero) for c in ("fx", "fy", "fz", "mx", "my", "mz")], axis=1)
     problems += strength_problems(table, wrench, experiment.robot.payload, experiment.robot.gravity)
-    problems += _repeated_poses(table, np.hstack([pendant, wrench]))
-    if not problems and not np.any(wrench):
-        problems.append(Problem("every force is zero; nothing bends the arm", str(path)))
+    station = table.texts.get("station", [""] * len(names))
+    problems += _repeated_poses(table, np.hstack([pendant, wrench]), station)
+    problems += _station_problems(table, station, experiment)
+    if not problems and not np.any(wrench) and not experiment.plans_positions:
+        hint = "`positions: {}` in the experiment plans positions without a load."
+        problems.append(Problem("every force is zero; nothing bends the arm", str(path), hint=hint))
     if problems:
         raise InputError(problems)
     certificate, criterion, seed = _proof(path)
     repeats = table.numbers.get("repeats", np.ones(len(names))).astype(int)
     poses = Poses(pendant, experiment.robot.controller.to_joints(pendant), wrench)
     load = table.texts.get("load", [""] * len(names))
-    return make_plan(
-        poses, load, repeats.tolist(), criterion, certificate, seed, names, experiment.robot.controller.units
-    )
+    units = experiment.robot.controller.units
+    return make_plan(poses, load, repeats.tolist(), criterion, certificate, seed, names, units, station)
 
 
 def read_poses(path: str | Path, experiment: Experiment) -> Poses:
@@ -260,13 +281,30 @@ def read_poses(path: str | Path, experiment: Experiment) -> Poses:
     return Poses(pendant, experiment.robot.controller.to_joints(pendant), np.zeros((len(pendant), 6)))
 
 
-def _repeated_poses(table: Table, constant: Array) -> list[Problem]:
-    """Names, and poses with the same angles and load, that stand in a plan more than once."""
+def _station_problems(table: Table, station: Sequence[str], experiment: Experiment) -> list[Problem]:
+    """Stations that the experiment does not have."""
+    known = [s.name for s in experiment.stations]
+    return [
+        Problem(
+            f"no station {name!r}",
+            str(table.path),
+            table.rows[i],
+            "station",
+            allowed=", ".join(known) or "none: the experiment names no `stations`",
+            hint=nearest(name, known),
+        )
+        for i, name in enumerate(station)
+        if name and name not in known
+    ][:MOST_PROBLEMS]
+
+
+def _repeated_poses(table: Table, constant: Array, station: Sequence[str]) -> list[Problem]:
+    """Names, and poses with the same angles, load and station, that stand in a plan more than once."""
     names: dict[str, int] = {}
-    states: dict[bytes, int] = {}
+    states: dict[tuple[bytes, str], int] = {}
     problems: list[Problem] = []
     for i, (name, row) in enumerate(zip(table.texts["pose"], constant + 0.0, strict=True)):
-        first, same = names.setdefault(name, i), states.setdefault(row.tobytes(), i)
+        first, same = names.setdefault(name, i), states.setdefault((row.tobytes(), station[i]), i)
         message = None
         if first != i:
             message = f"pose {name!r} stands here twice; first in line {table.rows[first]}"

@@ -158,6 +158,12 @@ class Readings(Viewed):
         """The same readings with these rows (R,) not used."""
         return replace(self, use=self.use & ~wrong)
 
+    def of_rows(self, rows: Indices) -> Readings:
+        """Some of the rows, over the same states."""
+        each = ("plus", "minus", "marker", "frame", "value", "sigma", "minus_sigma", "use", "line", "file", "to")
+        axes, reads = (None if v is None else v[rows] for v in (self.axes, self.reads))
+        return replace(self, **{name: getattr(self, name)[rows] for name in each}, axes=axes, reads=reads)
+
     def with_values(self, value: Array) -> Readings:
         """Other values (R, 3) m at the same rows."""
         return replace(self, value=frozen(np.where(np.isfinite(self.value), value, np.nan)))
@@ -165,6 +171,14 @@ class Readings(Viewed):
     def with_poses(self, poses: Poses) -> Readings:
         """The same states at other angles or under other loads."""
         return replace(self, states=replace(self.states, poses=poses))
+
+
+def axes_along(direction: Array) -> Array:
+    """Unit vectors (3, 3) by rows, the first along a direction (3,), base axes: what a gauge reads along."""
+    u = direction / float(np.linalg.norm(direction))
+    other = np.asarray(np.cross(u, np.eye(3)[int(np.argmin(np.abs(u)))]), dtype=np.float64)
+    other /= float(np.linalg.norm(other))
+    return np.stack([u, other, np.asarray(np.cross(u, other), dtype=np.float64)])
 
 
 def joined(parts: list[Readings]) -> Readings:

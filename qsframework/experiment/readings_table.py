@@ -32,7 +32,7 @@ from qsframework.experiment.differences import differences, has_pairs
 from qsframework.experiment.frames import PLANE, POINT, Frame
 from qsframework.experiment.kinds import Part, check_kinds, which_sigma
 from qsframework.experiment.plan import joint_columns
-from qsframework.experiment.readings import UNSTATED, Made, Readings, States, joined
+from qsframework.experiment.readings import UNSTATED, Made, Readings, States, axes_along, joined
 from qsframework.experiment.reads import averaged
 from qsframework.experiment.setup import GEOMETRY, Experiment
 from qsframework.files import read_yaml, sha256
@@ -434,7 +434,8 @@ class _Rows:
             raise InputError(at(table, i, "series", "names no series, others do", "''", ", ".join(frames[1:]), hint))
         known = {f.series: f for f in experiment.frames}
         known |= {name: Frame(name, turn, np.zeros(3)) for name, turn in self.normals.items()}
-        sigma, stated = _sigmas(table, experiment, self.sigma, self.kind(of_states), self.use)
+        own = _far_sigma(experiment, self.sigma, self.value, self.kind(of_states))
+        sigma, stated = _sigmas(table, experiment, own, self.kind(of_states), self.use)
         sigma = np.where(np.isnan(self.sigma), sigma / np.sqrt(self.reads), sigma)
         return Readings(
             states=states,
@@ -558,10 +559,7 @@ def _gauges(
             problems.append(at(table, i, "to_marker", "a distance is to another marker", hint=hint))
     axes = np.tile(np.eye(3), (count, 1, 1))
     for i in np.flatnonzero(gauge & (to < 0) & np.isfinite(size) & (size > 0)).tolist():
-        u = along[i] / size[i]
-        other = np.cross(u, np.eye(3)[int(np.argmin(np.abs(u)))])
-        other /= np.linalg.norm(other)
-        axes[i] = np.stack([u, other, np.cross(u, other)])
+        axes[i] = axes_along(along[i])
     value = value.copy()
     value[gauge] = np.nan
     value[gauge, 0] = read[gauge]
@@ -692,6 +690,15 @@ def _known_sigma(kind: npt.NDArray[np.str_], experiment: Experiment) -> Array:
     if not noise.apart:
         by_kind = dict.fromkeys(by_kind, noise.sigma)
     return np.array([np.nan if by_kind[k] is None else by_kind[k] for k in kind.tolist()], dtype=float)
+
+
+def _far_sigma(experiment: Experiment, own: Array, value: Array, kind: npt.NDArray[np.str_]) -> Array:
+    """sd (R,) of rows, of positions (R, 3) m in the tracker's frame with what the distance adds where none is given."""
+    near, slope = experiment.noise.of_position, experiment.noise.per_distance
+    if near is None or not slope:
+        return own
+    far = near + slope * np.linalg.norm(value, axis=1)
+    return np.where(np.isnan(own) & (kind == "position") & np.isfinite(far), far, own)
 
 
 def _unstated(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,8 @@ from qsframework.experiment.constraints import (
 )
 from qsframework.experiment.frames import Frame
 from qsframework.experiment.obstacles import read_obstacles
-from qsframework.experiment.spec import ExperimentSpec
+from qsframework.experiment.spec import ExperimentSpec, LoadCaseSpec
+from qsframework.experiment.stations import Station
 from qsframework.files import Document, read_yaml, validate
 from qsframework.plugin import Array, Effect, Parameter, Spring
 from qsframework.plugin.build import build_effects
@@ -55,7 +56,8 @@ class StatedNoise:
     """Standard deviations of one coordinate of a reading, m; None: not stated, to be estimated.
 
     sigma: of a displacement, as plans count it; position, displacement, gauge: where the kinds are stated apart, and
-    then `apart`; repeatability: of the error that the markers of a visit share
+    then `apart`; repeatability: of the error that the markers of a visit share; per_distance: what the sd of a position
+    grows by per metre from the tracker
     """
 
     sigma: float | None
@@ -63,6 +65,12 @@ class StatedNoise:
     displacement: float | None = None
     gauge: float | None = None
     repeatability: float | None = None
+    per_distance: float = 0.0
+
+    @property
+    def of_position(self) -> float | None:
+        """Of a position near the tracker; it grows by `per_distance` a metre."""
+        return self.position if self.apart else self.sigma
 
     @property
     def apart(self) -> bool:
@@ -79,18 +87,35 @@ class LoadUncertainty:
 
 
 @dataclass(frozen=True, eq=False)
+class Gauge:
+    """A dial gauge at a marker, and the unit vector (3,), base axes, that it reads along."""
+
+    marker: str
+    along: Array
+
+
+@dataclass(frozen=True, eq=False)
 class LoadCase:
-    """A wrench (6,) at the load point, base frame, that a plan may put on a pose.
+    """A wrench (6,) at the load point, base frame, that a plan may put on a pose; a zero one is a reading of positions.
 
     `poses` says on how many, `poses_min` on how many at least; loads that say neither share the rest.
-    cost: of a pose under this load, in plain poses
+    cost: of a pose under this load, in plain poses; change: of bringing the load at all; gauge: what reads the
+    displacement, None: the tracker
     """
 
     name: str
     wrench: Array
     poses: int | None
     poses_min: int | None = None
+    _: KW_ONLY
     cost: float = 1.0
+    change: float = 0.0
+    gauge: Gauge | None = None
+
+    @property
+    def of_positions(self) -> bool:
+        """Whether positions are read, and no load hangs."""
+        return not np.any(self.wrench)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -115,6 +140,20 @@ class Experiment:
     """How files of states are read: "differences", "positions", or as the campaign suggests."""
     frames: tuple[Frame, ...] = ()
     """The base in the frames of series that are known."""
+    stations: tuple[Station, ...] = ()
+    positions: LoadCase | None = None
+    """Readings of positions that a plan may hold beside those under the loads."""
+
+    @property
+    def cases(self) -> tuple[LoadCase, ...]:
+        """What a plan may read at a pose: displacements under each load, and positions; these alone without a load."""
+        alone = () if self.loads or self.has_load else (LoadCase("", np.zeros(6), None),)
+        return (*self.loads, *(alone if self.positions is None else (self.positions,)))
+
+    @property
+    def plans_positions(self) -> bool:
+        """Whether a plan may read positions."""
+        return any(case.of_positions for case in self.cases)
 
     @cached_property
     def _model(self) -> Model:
@@ -265,6 +304,11 @@ def load_experiment(path: str | Path, *, trust: bool | None = None) -> Experimen
             rigid=spec.rigid,
             load_uncertainty=LoadUncertainty(spec.load_uncertainty.scale, spec.load_uncertainty.direction),
             states=spec.states,
+            stations=tuple(
+                Station(name, frozen(own.xyz), own.cost, own.clearance, own.incidence_max)
+                for name, own in spec.stations.items()
+            ),
+            positions=_positions(spec),
             frames=tuple(
                 Frame(name, from_quaternion(np.array(f.quat_wxyz)), frozen(f.xyz)) for name, f in spec.frames.items()
             ),
@@ -279,7 +323,14 @@ def _noise(spec: ExperimentSpec) -> StatedNoise:
         return StatedNoise(None)
     n = spec.noise
     plain = n.displacement_sigma if n.sigma is None else n.sigma
-    return StatedNoise(plain, n.position_sigma, n.displacement_sigma, n.gauge_sigma, n.repeatability)
+    kinds = n.position_sigma, n.displacement_sigma, n.gauge_sigma
+    return StatedNoise(plain, *kinds, n.repeatability, n.distance_sigma)
+
+
+def _positions(spec: ExperimentSpec) -> LoadCase | None:
+    """The readings of positions that `positions:` states."""
+    own = spec.positions
+    return None if own is None else LoadCase("", frozen(np.zeros(6)), own.poses, own.poses_min, cost=own.cost)
 
 
 def _nominal(
@@ -328,8 +379,18 @@ def _loads(spec: ExperimentSpec, robot: Robot) -> tuple[LoadCase, ...]:
     if spec.load.mass is not None:
         weight = np.concatenate([spec.load.mass * robot.gravity, np.zeros(3)])
         return (LoadCase("mass", frozen(weight), None),)
+
+    def gauge(load: LoadCaseSpec) -> Gauge | None:
+        if load.gauge is None:
+            return None
+        along = np.array(load.gauge.along)
+        return Gauge(load.gauge.marker, frozen(along / np.linalg.norm(along)))
+
     return tuple(
-        LoadCase(load.name, frozen(load.wrench()), load.poses, load.poses_min, load.cost) for load in spec.loads
+        LoadCase(
+            own.name, frozen(own.wrench()), own.poses, own.poses_min, cost=own.cost, change=own.change, gauge=gauge(own)
+        )
+        for own in spec.loads
     )
 
 
@@ -356,6 +417,11 @@ def _load_problems(document: Document, spec: ExperimentSpec, robot: Robot) -> li
                     allowed="fx_N, fy_N, fz_N, mx_Nm, my_Nm, mz_Nm",
                 )
             )
+        if load.gauge is not None and load.gauge.marker not in spec.markers:
+            found, markers = load.gauge.marker, list(spec.markers)
+            hint, allowed = nearest(found, markers), ", ".join(markers)
+            message = f"load {load.name!r}: its gauge is at no marker {found!r}"
+            problems.append(Problem(message, str(document.path), line, allowed=allowed, hint=hint))
         if load.poses is not None and load.poses < 1:
             problems.append(Problem(f"load {load.name!r}: poses must be 1 or more", str(document.path), line))
         if load.poses_min is not None and (load.poses_min < 1 or load.poses is not None):

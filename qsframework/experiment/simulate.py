@@ -1,4 +1,4 @@
-"""`simulate`: displacements of a plan, or the rows of a table, with seeded noise, from known parameters."""
+"""`simulate`: what a plan reads, displacements and positions, or the rows of a table, with seeded noise."""
 
 from __future__ import annotations
 
@@ -6,15 +6,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.experiment.observations import make_rows
 from qsframework.experiment.plan import Plan
-from qsframework.experiment.readings import UNSTATED, Made, Readings, States
+from qsframework.experiment.readings import UNSTATED, Made, Readings, States, axes_along, joined
 from qsframework.experiment.setup import Experiment
+from qsframework.experiment.stations import seen_markers, station_of
 from qsframework.plugin import Array, Conditions, Indices, Poses
 from qsframework.plugin.facts import frozen
+from qsframework.robot.sight import Flags
 
 TRUTHS = ("nominal", "drawn")
 
@@ -39,36 +42,136 @@ def simulate(
     seed: int = 0,
     linear: bool = False,
 ) -> Simulation:
-    """Measure a plan in simulation: displacements with independent Gaussian noise on every coordinate.
+    """Measure a plan in simulation, with independent Gaussian noise on every coordinate.
 
     The arm settles in its full equilibrium, as a real one does; linear: by the first step, at the undeflected pose.
     Readings without any noise (sigma 0) state none: a fit then estimates what rounding leaves.
     x (p,) are the true parameters; without them the nominal values, or values drawn from the priors.
     """
+    model = experiment.model()
+    rng = np.random.default_rng(seed)
+    x = _truth(model, truth, rng) if x is None else x
+    readings = planned_readings(experiment, plan, x, linear)
+    sigma = readings.sigma if readings.stated else np.zeros_like(readings.sigma)
+    noise = sigma * rng.standard_normal(readings.value.shape)
+    made = Made("linear" if linear else "equilibrium", seed)
+    readings = replace(readings, value=frozen(readings.value + noise), made=made)
+    return Simulation(readings, model, frozen(x))
+
+
+def planned_readings(experiment: Experiment, plan: Plan, x: Array | None = None, linear: bool = False) -> Readings:
+    """What a plan would read without noise, at parameters x (p,), the nominal ones if None: displacements under its
+    loads, and positions in each station's frame at its other poses."""
+    model, poses = experiment.model(), plan.repeated()
+    x = model.nominal if x is None else x
+    pose = np.repeat(np.arange(len(plan.pose)), plan.repeats)
+    repeat = np.concatenate([np.arange(1, r + 1) for r in plan.repeats])
+    bare = plan.of_positions[pose]
+    visits = _Visits(experiment=experiment, plan=plan, pose=pose, repeat=repeat, model=model, x=x, linear=linear)
+    parts = [make(visits, poses, np.flatnonzero(own)) for make, own in ((_moved, ~bare), (_stood, bare)) if own.any()]
+    return joined(parts)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Visits:
+    """The visits of a plan: the pose and the repeat of each, and the arm that is measured."""
+
+    experiment: Experiment
+    plan: Plan
+    pose: Indices
+    repeat: Indices
+    model: Model
+    x: Array
+    linear: bool
+
+    def names(self, rows: Indices) -> list[str]:
+        return [self.plan.pose[int(i)] for i in self.pose[rows]]
+
+    def stations(self, rows: Indices) -> list[str]:
+        return [self.plan.stations[int(i)] for i in self.pose[rows]]
+
+
+def _moved(visits: _Visits, poses: Poses, rows: Indices) -> Readings:
+    """Displacements under the loads, by the tracker, or by the gauge of a load."""
+    experiment, poses = visits.experiment, poses.take(rows)
     sigma = experiment.noise.sigma
     if sigma is None:
         raise InputError(f"{experiment.path}: a simulation needs the noise, for example noise: {{sigma_mm: 0.03}}")
     if not experiment.has_load:
         raise InputError(f"{experiment.path}: a load acts somewhere; add for example load: {{point_mm: [150, 0, 200]}}")
-    model = experiment.model()
-    rng = np.random.default_rng(seed)
-    x = _truth(model, truth, rng) if x is None else x
-    poses = plan.repeated()
-    moved = model.predict(poses, x, linear)
-    order = np.repeat(np.arange(len(plan.pose)), plan.repeats)
-    repeat = np.concatenate([np.arange(1, r + 1) for r in plan.repeats])
-    displacement = moved + sigma * rng.standard_normal(moved.shape)
-    readings = displaced(
-        poses,
-        displacement,
-        sigma or UNSTATED,
-        [plan.pose[int(i)] for i in order],
-        repeat,
-        stated=sigma > 0.0,
-        repeatability=experiment.noise.repeatability,
-        made=Made("linear" if linear else "equilibrium", seed),
+    moved = visits.model.predict(poses, visits.x, visits.linear)
+    shared = experiment.noise.repeatability
+    names, repeat = visits.names(rows), visits.repeat[rows]
+    out = displaced(poses, moved, sigma or UNSTATED, names, repeat, stated=sigma > 0.0, repeatability=shared)
+    seen = seen_markers(experiment, poses.q, visits.stations(rows)).ravel()
+    loads = [visits.plan.load[int(i)] for i in visits.pose[rows]]
+    return _gauged(experiment, out, np.repeat(loads, moved.shape[1]), seen)
+
+
+def _gauged(experiment: Experiment, readings: Readings, load: npt.NDArray[np.str_], seen: Flags) -> Readings:
+    """Displacements (R,) of which those under a load with a gauge are what it reads; those of unseen markers go."""
+    gauges = {case.name: case.gauge for case in experiment.loads if case.gauge is not None}
+    value, axes = np.array(readings.value), np.tile(np.eye(3), (len(readings), 1, 1))
+    sigma, keep = np.array(readings.sigma), seen.copy()
+    names = np.array([m.name for m in experiment.markers])[readings.marker]
+    for name, gauge in gauges.items():
+        own = load == name
+        keep[own] = names[own] == gauge.marker
+        value[own] = np.stack([value[own] @ gauge.along, *np.full((2, int(own.sum())), np.nan)], axis=1)
+        axes[own] = axes_along(gauge.along)
+        sigma[own] = experiment.noise.gauge or experiment.noise.sigma or UNSTATED
+    if keep.all() and not gauges:
+        return readings
+    out = replace(readings, value=frozen(value), sigma=frozen(sigma), axes=axes if gauges else None)
+    return out.of_rows(np.flatnonzero(keep))
+
+
+def _stood(visits: _Visits, poses: Poses, rows: Indices) -> Readings:
+    """Positions without a load, each in the frame of its station, base axes where nobody knows that frame."""
+    experiment, poses, stations = visits.experiment, poses.take(rows), visits.stations(rows)
+    places = visits.model.positions(poses, visits.x, False, visits.linear)
+    seen = seen_markers(experiment, poses.q, stations)
+    series = tuple(dict.fromkeys(stations))
+    known = tuple(next((f for f in experiment.frames if f.series == name), None) for name in series)
+    frame = np.array([series.index(name) for name in stations])
+    value, sigma = np.empty_like(places), np.empty(places.shape[:2])
+    for f, name in enumerate(series):
+        own, station, there = frame == f, station_of(experiment, name), known[f]
+        origin = np.zeros(3) if station.xyz is None else station.xyz
+        value[own] = places[own] - origin if there is None else there.apply(places[own])
+        sigma[own] = station.sigma(experiment, places[own])
+    if np.isnan(sigma).any():
+        example = "noise: {position_sigma_mm: 0.03}"
+        raise InputError(f"{experiment.path}: readings of positions need their noise, for example {example}")
+    count, (state, marker) = len(rows), np.nonzero(seen)
+    states = States(
+        poses=poses,
+        loaded=np.zeros(count, dtype=bool),
+        pose=tuple(visits.names(rows)),
+        load_id=("",) * count,
+        series=tuple(stations),
+        repeat=visits.repeat[rows],
+        cycle=np.ones(count, dtype=np.intp),
     )
-    return Simulation(readings, model, frozen(x))
+    own = sigma[state, marker]
+    return Readings(
+        states=states,
+        plus=state,
+        minus=np.full(len(state), -1),
+        marker=marker,
+        frame=frame[state],
+        frames=series,
+        known=known,
+        value=frozen(value[state, marker]),
+        sigma=frozen(np.tile(np.where(own > 0.0, own, UNSTATED)[:, None], 3)),
+        minus_sigma=frozen(np.full((len(state), 3), np.nan)),
+        stated=bool((own > 0.0).all()),
+        use=np.ones(len(state), dtype=bool),
+        line=np.arange(3, 3 + len(state)),
+        file=np.zeros(len(state), dtype=np.intp),
+        to=np.full(len(state), -1),
+        repeatability=experiment.noise.repeatability,
+    )
 
 
 def simulate_rows(

@@ -54,11 +54,13 @@ class NoiseSpec(FileModel):
     """sd of one coordinate of a reading: sigma where a campaign has one kind of reading, else each kind by its name.
 
     sigma is that of a displacement in displacement files and in plans, of a position in files of positions;
+    distance_sigma is what the sd of a position grows by per metre between tracker and marker (`distance_sigma_um/m`);
     repeatability: sd of a coordinate that the markers of a visit share, because the arm comes back elsewhere
     """
 
     sigma: Annotated[float | None, Unit("m")] = None
     position_sigma: Annotated[float | None, Unit("m")] = None
+    distance_sigma: Annotated[float, Unit("")] = pydantic.Field(default=0.0, ge=0.0)
     displacement_sigma: Annotated[float | None, Unit("m")] = None
     gauge_sigma: Annotated[float | None, Unit("m")] = None
     repeatability: Annotated[float | None, Unit("m")] = None
@@ -95,6 +97,44 @@ class FrameSpec(FileModel):
         return self
 
 
+class StationSpec(FileModel):
+    """Where the tracker stands, about, base frame; cost: of setting it up there, in plain poses."""
+
+    xyz: Annotated[list[float], Unit("m")]
+    cost: float = pydantic.Field(default=0.0, ge=0.0)
+    clearance: Annotated[float, Unit("m")] = pydantic.Field(default=0.005, ge=0.0)
+    incidence_max: Annotated[float | None, Unit("rad")] = pydantic.Field(default=None, gt=0)
+
+    @pydantic.field_validator("xyz")
+    @classmethod
+    def _three(cls, value: list[float]) -> list[float]:
+        if len(value) != 3:
+            raise ValueError("xyz needs three numbers, base frame")
+        return value
+
+
+class PositionsSpec(FileModel):
+    """That a plan may read positions without a load, on how many poses, and what such a pose costs."""
+
+    poses: int | None = pydantic.Field(default=None, ge=1)
+    poses_min: int | None = pydantic.Field(default=None, ge=1)
+    cost: float = pydantic.Field(default=1.0, gt=0.0)
+
+
+class GaugeSpec(FileModel):
+    """A dial gauge that reads one marker along one direction, base axes."""
+
+    marker: str
+    along: list[float]
+
+    @pydantic.field_validator("along")
+    @classmethod
+    def _direction(cls, value: list[float]) -> list[float]:
+        if len(value) != 3 or max(map(abs, value)) < SHORTEST:
+            raise ValueError("along needs three numbers, not all zero")
+        return value
+
+
 class LoadUncertaintySpec(FileModel):
     """sd of the load's size, and of its direction about each axis; one error for all readings."""
 
@@ -115,6 +155,8 @@ class LoadCaseSpec(FileModel):
     poses: int | None = None
     poses_min: int | None = None
     cost: float = 1.0
+    change: float = pydantic.Field(default=0.0, ge=0.0)
+    gauge: GaugeSpec | None = None
 
     @pydantic.field_validator("cost")
     @classmethod
@@ -216,6 +258,8 @@ class ExperimentSpec(FileModel):
     load: LoadSpec = LoadSpec.model_construct()  # left out: the readings are of unloaded states
     markers: dict[str, MarkerSpec] = pydantic.Field(examples=["{m1: {xyz_mm: [150, 0, 200]}}"])
     frames: dict[str, FrameSpec] = pydantic.Field(default_factory=dict[str, FrameSpec])
+    stations: dict[str, StationSpec] = pydantic.Field(default_factory=dict[str, StationSpec])
+    positions: PositionsSpec | None = None  # planned beside the loads; without a load a plan has nothing else
     noise: NoiseSpec | Literal["estimate"] = pydantic.Field(examples=["{sigma_mm: 0.03}", "estimate"])
     load_uncertainty: LoadUncertaintySpec = LoadUncertaintySpec()
     loads: list[LoadCaseSpec] = pydantic.Field(default_factory=list[LoadCaseSpec])

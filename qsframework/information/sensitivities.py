@@ -8,8 +8,13 @@ import numpy as np
 
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError
-from qsframework.estimation import rank_test, scales
-from qsframework.experiment import Experiment, Plan
+from qsframework.estimation import left, orthonormal, rank_test, scales
+from qsframework.experiment import Experiment, Frame, Plan, Readings, make_rows
+from qsframework.experiment.observations import start_values
+from qsframework.experiment.readings import UNSTATED
+from qsframework.experiment.simulate import planned_readings
+from qsframework.experiment.stations import station_of
+from qsframework.information.identifiable import choose, in_order, limits_of
 from qsframework.plugin import Array, Poses
 
 
@@ -57,6 +62,49 @@ def predicted_sd(model: Model, poses: Poses, names: Sequence[str], sigma: float,
     return out * scales([model.parameters[i] for i in model.index(names)])
 
 
+def readings_columns(
+    experiment: Experiment, readings: Readings, names: Sequence[str], x: Array | None = None, frames: bool = True
+) -> Array:
+    """Whitened columns (m, p) of readings, per unit of each parameter's scale, beside the frames that nobody knows.
+
+    x (q,): values of all parameters, those of a fit's start if None; frames: whether these are found from the readings,
+    else they are those of the experiment's stations
+    """
+    rows, model = make_rows(readings), experiment.model()
+    x = start_values(experiment, names) if x is None else x
+    unit = 1.0 if readings.stated else UNSTATED / (experiment.noise.sigma or 1.0)
+    found = rows.start(model, x) if frames else [_stood(experiment, readings.frames[f]) for f in rows.estimated]
+    white = rows.noise.whiten(rows.flat(rows.rates(model, x, found, names)[1])) * unit
+    k = 6 * len(found)
+    return left(orthonormal(white[:, :k]), white[:, k:] * scales([model.parameters[i] for i in model.index(names)]))
+
+
+def _stood(experiment: Experiment, series: str) -> Frame:
+    """The base as a station's tracker would see it with axes along those of the base."""
+    xyz = station_of(experiment, series).xyz
+    return Frame(series, np.eye(3), np.zeros(3) if xyz is None else -xyz)
+
+
+def plan_columns(experiment: Experiment, plan: Plan, names: Sequence[str], x: Array | None = None) -> Array:
+    """The same of what a plan reads."""
+    start = start_values(experiment, names) if x is None else x
+    return readings_columns(experiment, planned_readings(experiment, plan, start), names, start, frames=False)
+
+
+def sd_of_taken(model: Model, columns: Array, names: Sequence[str]) -> Array:
+    """Standard deviation (p,), SI, of what a fit takes of whitened scaled columns (m, p); inf of what it holds."""
+    ordered = in_order(model, names)
+    place = [list(names).index(name) for name in ordered]
+    taken, _ = choose(columns[:, place], ordered, limits_of(model, ordered))
+    out = np.full(len(names), np.inf)
+    if taken:
+        own = [place[i] for i in taken]
+        size = np.linalg.norm(columns[:, own], axis=0)
+        inverse = np.linalg.inv(np.linalg.qr(columns[:, own] / size, mode="r"))
+        out[own] = np.linalg.norm(inverse, axis=1) / size
+    return out * scales([model.parameters[i] for i in model.index(names)])
+
+
 def promised_beyond(experiment: Experiment, plan: Plan) -> dict[str, float]:
     """For each parameter of the model that is not fitted: the sd, SI, were it fitted too; inf if it cannot be told."""
     fitted, model = experiment.fit_names(), experiment.model()
@@ -69,8 +117,10 @@ def promised_beyond(experiment: Experiment, plan: Plan) -> dict[str, float]:
 
 def promised_sd(experiment: Experiment, plan: Plan, names: Sequence[str] | None = None) -> Array:
     """Standard deviation (p,) that a plan promises for the experiment's parameters, SI."""
+    names = experiment.fit_names() if names is None else names
+    if plan.of_positions.any() or plan.station:
+        return sd_of_taken(experiment.model(), plan_columns(experiment, plan, names), names)
     sigma = experiment.noise.sigma
     if sigma is None:
         raise InputError(f"{experiment.path}: a promise needs the noise, for example noise: {{sigma_mm: 0.03}}")
-    names = experiment.fit_names() if names is None else names
     return predicted_sd(experiment.model(), plan.poses, names, sigma, np.array(plan.repeats))

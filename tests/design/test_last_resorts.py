@@ -19,7 +19,7 @@ from qsframework.design.task import make_task
 from qsframework.errors import InputError, NotCertified, NotIdentifiable
 from qsframework.experiment import Experiment
 from qsframework.information import Allowed, as_rows, bound_of, everything, scores
-from qsframework.plugin import Array, Poses
+from qsframework.plugin import Array, Indices
 
 RNG = np.random.default_rng(11)
 ROWS = RNG.normal(size=(150, 2, 3))
@@ -110,14 +110,14 @@ def test_rows_too_many_to_hold_are_made_again_for_the_same_plan(
     wish = Wish(criterion="D", polish=False, starts=3)
     held = design(m900ib, 10, candidates=few, wish=wish)
     made: list[int] = []
-    rows_of = problem.DesignProblem.rows_of
+    rows_at = problem.DesignProblem.rows_at
 
-    def counted(self: problem.DesignProblem, poses: Poses, linear: bool = False) -> Array:
-        made.append(len(poses.q))
-        return rows_of(self, poses, linear)
+    def counted(self: problem.DesignProblem, pendant: Array, index: Indices, linear: bool = False) -> Array:
+        made.append(len(pendant))
+        return rows_at(self, pendant, index, linear)
 
     monkeypatch.setattr(problem, "HELD_BYTES", 0)
-    monkeypatch.setattr(problem.DesignProblem, "rows_of", counted)
+    monkeypatch.setattr(problem.DesignProblem, "rows_at", counted)
     again = design(m900ib, 10, candidates=few, wish=wish)
     assert np.array_equal(held.pendant, again.pendant)
     assert sum(made) > 2 * len(few)

@@ -1,0 +1,108 @@
+"""Which of many parameters columns of readings can tell, in which order they are taken, and what absorbs the others."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+
+from qsframework.elastostatics import Model
+from qsframework.files import FileRecord, null
+from qsframework.plugin import Array, Geometry, Sensor, Spring
+
+REDUNDANT = 1e-5
+"""Share of a column that must be new, seen from the columns chosen before it."""
+_NOTHING = 1e-6
+"""Scaled size of a column below which readings tell nothing of its parameter, not even a million natural sizes."""
+_SHARE = 0.2
+_NAMED = 5
+_TOLD = 10.0
+"""A parameter of the geometry that is told only to more than so many natural sizes is left aside; markers never are."""
+
+
+@dataclass(frozen=True)
+class LeftAside(FileRecord):
+    """A parameter that is not estimated; `sd` in its natural sizes if it were, inf where it makes no difference."""
+
+    name: str
+    absorbed_by: tuple[str, ...]
+    sd: Annotated[float, null(math.inf)]
+
+    def words(self) -> str:
+        """Why, in one sentence."""
+        if not self.absorbed_by and np.isinf(self.sd):
+            return f"{self.name}: no reading depends on it"
+        others = ", ".join(self.absorbed_by)
+        if np.isinf(self.sd):
+            return f"{self.name}: absorbed by {others}"
+        told = f"{self.name}: told only to {self.sd:.2g} times its natural size"
+        return f"{told}; it looks like {others}" if others else told
+
+
+def choose(rows: Array, names: Sequence[str], limits: Array) -> tuple[list[int], tuple[LeftAside, ...]]:
+    """Take columns of rows (m, p), whitened and scaled by natural sizes, in their order.
+
+    A column is left aside where those taken before leave less than REDUNDANT of it, or where its
+    parameter would be told only to more than `limits` (p,) of its natural sizes; beyond a million of them it is not
+    told at all.
+    """
+    R: Array = np.asarray(np.linalg.qr(rows, mode="r")) if len(rows) > rows.shape[1] else rows
+    basis = np.zeros((len(R), 0))
+    taken: list[int] = []
+    left: list[LeftAside] = []
+    largest = float(np.linalg.norm(R, axis=0).max(initial=0.0))
+    for c in range(R.shape[1]):
+        column, size = R[:, c], float(np.linalg.norm(R[:, c]))
+        fresh = column - basis @ (basis.T @ column)
+        fresh -= basis @ (basis.T @ fresh)
+        new = float(np.linalg.norm(fresh))
+        redundant = new <= REDUNDANT * size or size <= 1e-12 * largest
+        if not redundant and new >= _NOTHING and new * limits[c] >= 1.0:
+            taken.append(c)
+            basis = np.column_stack([basis, fresh / new])
+            continue
+        sd = np.inf if redundant or new < _NOTHING else 1.0 / new
+        seen = size > max(_NOTHING, 1e-12 * largest)
+        left.append(LeftAside(names[c], _absorbers(R, taken, column, names) if seen else (), sd))
+    return taken, tuple(left)
+
+
+def _absorbers(R: Array, taken: Sequence[int], column: Array, names: Sequence[str]) -> tuple[str, ...]:
+    """The taken columns that make up most of a column, largest share first."""
+    if not taken:
+        return ()
+    chosen = R[:, list(taken)]
+    share = np.abs(np.linalg.lstsq(chosen, column, rcond=None)[0]) * np.linalg.norm(chosen, axis=0)
+    order = [i for i in np.argsort(-share, kind="stable")[:_NAMED] if share[i] >= _SHARE * np.linalg.norm(column)]
+    return tuple(names[taken[int(i)]] for i in order)
+
+
+def in_order(model: Model, names: Sequence[str]) -> list[str]:
+    """The names to fit, physically simple ones first: markers, zeros and sag, springs, placements, others."""
+    rank: dict[str, int] = {}
+    for effect, part in zip(model.effects, model.slices, strict=True):
+        place = 4
+        if isinstance(effect, Sensor):
+            place = 0
+        elif isinstance(effect, Geometry):
+            place = 3 if effect.moves_placements else 1
+        elif isinstance(effect, Spring):
+            place = 2
+        rank |= dict.fromkeys(model.names[part], place)
+    wanted = set(names)
+    return sorted((n for n in model.names if n in wanted), key=lambda n: rank[n])
+
+
+def kinds_of(model: Model, kind: type) -> set[str]:
+    """Names of the parameters of all effects of a kind."""
+    effects = zip(model.effects, model.slices, strict=True)
+    return {n for e, part in effects if isinstance(e, kind) for n in model.names[part]}
+
+
+def limits_of(model: Model, names: Sequence[str]) -> Array:
+    """How many natural sizes a parameter (p,) may be uncertain by before it is left aside."""
+    geometry = kinds_of(model, Geometry)
+    return np.array([_TOLD if n in geometry else np.inf for n in names])
