@@ -68,6 +68,7 @@ def visits(
 
     "shortest": rounds within which no pose comes twice, so that repeats stand a round apart; poses under one load stay
     together, for the load is changed by hand. "random": the same rounds in random order, which drift cannot imitate.
+    Poses of one station stay together in every order.
     "plan": as the plan lists them, repeats in later rounds. `penalty` (rad) makes the way between two poses longer.
     """
     if order not in ORDERS:
@@ -110,9 +111,10 @@ def _cost(plan: Plan, way: list[int], cost: Array, home: Array | None) -> float:
 def _rounds(plan: Plan, order: str) -> list[list[int]]:
     """Sets of poses to visit one after the other."""
     rounds: list[list[int]] = []
-    loads = list(dict.fromkeys(plan.load)) if order == "shortest" else [None]
-    for load in loads:
-        own = [i for i in range(len(plan.pose)) if load is None or plan.load[i] == load]
+    loads = plan.load if order == "shortest" else ("",) * len(plan.pose)
+    under = list(zip(plan.stations, loads, strict=True))  # neither the tracker nor a load is moved for one pose
+    for group in dict.fromkeys(under):
+        own = [i for i in range(len(plan.pose)) if under[i] == group]
         for k in range(max(plan.repeats[i] for i in own)):
             rounds.append([i for i in own if plan.repeats[i] > k])
     return rounds

@@ -1,8 +1,8 @@
 """How a plan is measured: which state of which pose after which, and the file of readings to fill in.
 
-At every visit the markers are read unloaded, loaded, unloaded, loaded, unloaded: two cycles. Unloaded state c and
-loaded state c make one displacement; what the unloaded states differ by is drift and hysteresis, which no fit could
-tell from compliance.
+At every visit under a load the markers are read unloaded, loaded, unloaded, loaded, unloaded: two cycles. Unloaded
+state c and loaded state c make one displacement; what the unloaded states differ by is drift and hysteresis, which no
+fit could tell from compliance. Where positions are planned they are read once a visit, from the plan's station.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from qsframework.applications.programme import check_plan, load_name, payload_no
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment, Plan
 from qsframework.experiment.columns import joint_cells, number, write_table
+from qsframework.experiment.stations import seen_markers
 from qsframework.plugin import Array
 from qsframework.units import JointUnits
 
@@ -61,7 +62,10 @@ class ProtocolState:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Visit:
-    """One stay at a pose: its states in the order in which they are read; pendant (n,) rad."""
+    """One stay at a pose: its states in the order in which they are read; pendant (n,) rad.
+
+    markers: those that are read, which the station sees; station: "" where none is named
+    """
 
     number: int
     pose: str
@@ -70,6 +74,8 @@ class Visit:
     load: str
     wrench: Array
     states: tuple[ProtocolState, ...]
+    markers: tuple[str, ...]
+    station: str = ""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -87,7 +93,17 @@ class Protocol:
     @property
     def readings(self) -> int:
         """How many positions of markers are read, without the floor's reflectors."""
-        return sum(len(v.states) for v in self.visits) * len(self.markers)
+        return sum(len(v.states) * len(v.markers) for v in self.visits)
+
+    @property
+    def loaded(self) -> bool:
+        """Whether a load hangs at any visit."""
+        return any(v.load for v in self.visits)
+
+    @property
+    def stations(self) -> tuple[str, ...]:
+        """The named stations, in the order of the visits."""
+        return tuple(dict.fromkeys(v.station for v in self.visits if v.station))
 
     @property
     def repeated(self) -> tuple[str, ...]:
@@ -97,8 +113,9 @@ class Protocol:
     @property
     def hours(self) -> float:
         """About how long it takes, with the warm-up."""
-        states = sum(len(v.states) for v in self.visits)
+        states = sum(len(v.states) for v in self.visits if v.load)
         seconds = states * (self.wish.settle + _READ + _HANDLE) + len(self.visits) * (self.wish.settle + _READ)
+        seconds += _READ * sum(len(v.states) for v in self.visits if not v.load)
         return (seconds + 60.0 * self.wish.warm_up) / 3600.0
 
 
@@ -107,9 +124,13 @@ def make_protocol(experiment: Experiment, plan: Plan, wish: ProtocolWish | None 
     wish = wish or ProtocolWish()
     _check(wish)
     check_plan(experiment, plan, file)
-    if not np.any(plan.wrench, axis=1).all():
-        bare = [p for p, w in zip(plan.pose, plan.wrench, strict=True) if not np.any(w)]
-        raise InputError(Problem(f"no load at {', '.join(bare)}: nothing would bend the arm", file or None))
+    if plan.of_positions.any() and not experiment.plans_positions:
+        bare = [p for p, w in zip(plan.pose, plan.of_positions, strict=True) if w]
+        hint = "`positions: {}` in the experiment plans positions without a load."
+        message = f"no load at {', '.join(bare)}: nothing would bend the arm"
+        raise InputError(Problem(message, file or None, hint=hint))
+    names = tuple(m.name for m in experiment.markers)
+    visible = seen_markers(experiment, plan.q, plan.stations)
     plan = with_repeats(plan, wish.repeat_share, wish.seed)
     sequence = visits(plan, wish.order, wish.seed)
     seen: dict[int, int] = {}
@@ -119,6 +140,8 @@ def make_protocol(experiment: Experiment, plan: Plan, wish: ProtocolWish | None 
         load = load_name(plan, i)
         half = wish.half and plan.repeats[i] > 1
         states = _states(load, plan.wrench[i], wish.cycles, half)
+        if plan.of_positions[i]:
+            states = (ProtocolState(1, "", np.zeros(6)),)
         out.append(
             Visit(
                 number=place,
@@ -128,9 +151,10 @@ def make_protocol(experiment: Experiment, plan: Plan, wish: ProtocolWish | None 
                 load=load,
                 wrench=plan.wrench[i],
                 states=states,
+                markers=tuple(name for name, flag in zip(names, visible[i], strict=True) if flag),
+                station=plan.stations[i],
             )
         )
-    names = tuple(m.name for m in experiment.markers)
     robot, joints = experiment.robot, experiment.robot.controller.units
     return Protocol(
         robot=robot.name,
@@ -172,14 +196,15 @@ def _states(load: str, wrench: Array, cycles: int, half: bool) -> tuple[Protocol
 def write_reading_file(path: Path, protocol: Protocol) -> None:
     """The table to fill in: one row per state and marker in the order of reading; no position, time or temperature."""
     header = ["pose", *protocol.units.names(), "fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm"]
-    header += ["marker", "state", "x_mm", "y_mm", "z_mm", "load_id", "repeat", "cycle", "use"]
+    header += ["marker", "state", "x_mm", "y_mm", "z_mm", "load_id", *(["series"] if protocol.stations else [])]
+    header += ["repeat", "cycle", "use"]
     header += ["time_s", "temperature_degC", "drive_state"]
     rows: list[list[str]] = []
     for visit in protocol.visits:
         angles = joint_cells(visit.pendant, protocol.units)
         for state in visit.states:
             wrench = [*map(number, state.wrench.tolist())] if state.loaded else [""] * 6
-            for marker in protocol.markers:
+            for marker in visit.markers:
                 rows.append(
                     [
                         visit.pose,
@@ -191,6 +216,7 @@ def write_reading_file(path: Path, protocol: Protocol) -> None:
                         "",
                         "",
                         state.load_id,
+                        *([visit.station] if protocol.stations else []),
                         str(visit.repeat),
                         str(state.cycle),
                         "1",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -24,7 +24,9 @@ from qsframework.elastostatics import range_notes
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Plan, Readings, load_experiment, read_plan, read_readings, write_plan
 from qsframework.information import promised_sd
+from qsframework.plugin import Array
 from qsframework.report import certificate_text, sd_table, write_report
+from qsframework.report.blocks import ReportTable
 from qsframework.report.plan_section import margin_words, plan_sections
 from qsframework.report.provenance import AFTER, EQUILIBRIUM, INFORMATION, computed
 from qsframework.report.words.plan import plan_verdict, tip_words
@@ -74,7 +76,7 @@ def run_design(files: DesignFiles, poses: int, wish: Wish, seed: int, work: Work
     sds = {"this plan": promised_sd(experiment, plan)}
     if taken:
         sds["with what was taken"] = joint_sd(experiment, [plan, *taken])
-    table = sd_table(experiment.fit_parameters(), sds)
+    table = _sd_table(experiment, plan, sds)
     verdict = plan_verdict(experiment, plan, sds["this plan"])
     print_verdict(verdict)
     print_table(table.header, table.rows)
@@ -86,7 +88,11 @@ def run_design(files: DesignFiles, poses: int, wish: Wish, seed: int, work: Work
     for line in (certificate_text(plan), margin, *twin_words(experiment, plan), *beyond):
         print_folded(line)
     print(f"plan: {files.output}")
-    print(f"next: measure each pose unloaded, then loaded, or try it: qsf simulate {files.experiment} {files.output}")
+    simulated = f"try it: qsf simulate {files.experiment} {files.output}"
+    if plan.of_positions.any():
+        print(f"next: measure it: qsf day {files.experiment} {files.output}, or {simulated}")
+    else:
+        print(f"next: measure each pose unloaded, then loaded, or {simulated}")
     if files.json is not None:
         certificate = plan.certificate.as_json() if plan.certificate else None
         write_json(files.json, {"plan": str(files.output), "certificate": certificate, "candidates": found.words()})
@@ -97,6 +103,13 @@ def run_design(files: DesignFiles, poses: int, wish: Wish, seed: int, work: Work
             computed(experiment, files.inputs(), seed, (EQUILIBRIUM, INFORMATION, AFTER)),
         )
         print(f"report: {write_report(files.report, f'Measurement plan: {experiment.robot.title}', sections, verdict)}")
+
+
+def _sd_table(experiment: Experiment, plan: Plan, sds: Mapping[str, Array]) -> ReportTable:
+    """The promised sds, of positions without the parameters that no plan tells."""
+    parameters, told = experiment.fit_parameters(), plan.certificate.parameters if plan.certificate else ()
+    kept = [i for i, p in enumerate(parameters) if p.name in told or not plan.of_positions.any()]
+    return sd_table([parameters[i] for i in kept], {name: sd[kept] for name, sd in sds.items()})
 
 
 def find_candidates(words: str, experiment: Experiment, seed: int, tell: Tell, work: Work) -> Candidates:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from qsframework.applications.protocol import (
+    Protocol,
     ProtocolWish,
     floor_file,
     make_protocol,
@@ -18,6 +19,11 @@ from qsframework.cli.export import plan_of
 from qsframework.cli.printing import print_folded
 from qsframework.experiment import load_experiment
 from qsframework.experiment.measured import keep_measured
+
+
+def _states(protocol: Protocol) -> str:
+    """How the states of a protocol are read: in differences, unless positions are planned."""
+    return " --states differences" if all(v.load for v in protocol.visits) else ""
 
 
 def run_protocol(file: Path, plan_file: Path, sheet: Path, readings: Path, wish: ProtocolWish) -> None:
@@ -34,7 +40,7 @@ def run_protocol(file: Path, plan_file: Path, sheet: Path, readings: Path, wish:
     commands = Commands(
         programme=f"exported with --order {wish.order} --seed {wish.seed} --repeat-share {wish.repeat_share:g} --hold",
         warm_up="exported without --hold it drives on by itself",
-        identify="qsf identify EXPERIMENT --states differences",
+        identify=f"qsf identify EXPERIMENT{_states(protocol)}",
     )
     pendant = np.stack([v.pendant for v in protocol.visits])
     force = np.stack([v.wrench[:3] for v in protocol.visits])

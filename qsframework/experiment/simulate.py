@@ -50,13 +50,21 @@ def simulate(
     """
     model = experiment.model()
     rng = np.random.default_rng(seed)
-    x = _truth(model, truth, rng) if x is None else x
+    x = _rigid(experiment, _truth(model, truth, rng)) if x is None else x
     readings = planned_readings(experiment, plan, x, linear)
     sigma = readings.sigma if readings.stated else np.zeros_like(readings.sigma)
     noise = sigma * rng.standard_normal(readings.value.shape)
     made = Made("linear" if linear else "equilibrium", seed)
     readings = replace(readings, value=frozen(readings.value + noise), made=made)
     return Simulation(readings, model, frozen(x))
+
+
+def _rigid(experiment: Experiment, x: Array) -> Array:
+    """Values (p,) with the springs that are not fitted held rigid, where the experiment says so."""
+    if not experiment.rigid:
+        return x
+    loose = [name for name in experiment.spring_names() if name not in experiment.fit_names()]
+    return np.where(np.isin(np.array(experiment.model().names), loose), 0.0, x)
 
 
 def planned_readings(experiment: Experiment, plan: Plan, x: Array | None = None, linear: bool = False) -> Readings:

@@ -307,7 +307,7 @@ def _next(day: Day, slot: Slot) -> dict[str, Any]:
         "words": slot_words(day, slot),
         "load": load_words(day, slot),
         "angles": [[f"J{k + 1}", f"{v:.2f}", units[k].shown] for k, v in enumerate(values)],
-        "markers": [[m, m in read] for m in day.record.protocol.markers],
+        "markers": [[m, m in read] for m in visit.markers],
     }
 
 

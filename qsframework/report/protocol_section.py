@@ -64,7 +64,7 @@ class Card:
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
-    """Visits one after the other under one load; new_page: whether a page begins with them."""
+    """Visits one after the other under one load, from one station; new_page: whether a page begins with them."""
 
     title: str
     visits: tuple[Card, ...]
@@ -87,26 +87,32 @@ def write_sheet(path: Path, protocol: Protocol, pictures: Sequence[str], files: 
         blanks=_BLANKS,
         parts=(_before(protocol, commands), _at_each_pose(protocol, files), _order(protocol)),
         runs=_runs(protocol, pictures),
-        after=_after(files, commands),
+        after=_after(protocol, files, commands),
         made=_made(protocol, files),
     )
     return write_page(path, page)
 
 
 def _runs(protocol: Protocol, pictures: Sequence[str]) -> tuple[Run, ...]:
-    """The visits, divided where the load changes: there a page begins, unless the loads come mixed."""
+    """The visits, divided where the load or the station changes: there a page begins, unless the loads come mixed."""
     groups: list[list[int]] = []
     for i, visit in enumerate(protocol.visits):
-        if not groups or protocol.visits[groups[-1][0]].load != visit.load:
+        if not groups or _kept(protocol.visits[groups[-1][0]]) != _kept(visit):
             groups.append([])
         groups[-1].append(i)
     out: list[Run] = []
-    in_blocks = len(groups) <= _BLOCKS * len({v.load for v in protocol.visits})
+    in_blocks = len(groups) <= _BLOCKS * len({_kept(v) for v in protocol.visits})
     for k, group in enumerate(groups):
         cards = tuple(_card(protocol.visits[i], protocol.units, pictures[i]) for i in group)
-        title = f"Load: {protocol.visits[group[0]].load}"
+        load, station = _kept(protocol.visits[group[0]])
+        title = ", ".join([*([f"Station: {station}"] if station else []), f"Load: {load}" if load else "Positions"])
         out.append(Run(title=title, visits=cards, new_page=k == 0 or in_blocks))
     return tuple(out)
+
+
+def _kept(visit: Visit) -> tuple[str, str]:
+    """What stays as it is from one visit to the next: load and station."""
+    return visit.load, visit.station
 
 
 def _card(visit: Visit, joints: JointUnits, picture: str) -> Card:
@@ -121,8 +127,8 @@ def _card(visit: Visit, joints: JointUnits, picture: str) -> Card:
         angles=tuple(
             (label, f"{v:.2f}") for label, v in zip(joints.labels(), joints.shown(visit.pendant), strict=True)
         ),
-        hung=f"{visit.load}{half}: {force} N{turned}",
-        states=tuple(_state(s.cycle, s.loaded, s.load_id == visit.load) for s in visit.states),
+        hung=f"{visit.load}{half}: {force} N{turned}" if visit.load else f"no load; {', '.join(visit.markers)}",
+        states=tuple(_state(s.cycle, s.loaded, s.load_id == visit.load) if visit.load else "" for s in visit.states),
     )
 
 
@@ -142,19 +148,29 @@ def _made(protocol: Protocol, files: SheetFiles) -> str:
 def _before(protocol: Protocol, commands: Commands) -> SheetPart:
     wish = protocol.wish
     first = protocol.visits[0]
+    weight = protocol.loaded
     people = (
-        "Nobody stands in the reach of the arm or under the weight while the arm moves or the weight hangs. One person "
+        f"Nobody stands in the reach of the arm{' or under the weight' if weight else ''} while the arm moves"
+        f"{' or the weight hangs' if weight else ''}. One person "
         "holds the enabling switch and speaks before every move; the others answer before it starts."
     )
+    rated = " The weight, its rope and hook are rated for the load." if weight else ""
     steps = [
-        "Fence, emergency stop and enabling switch tested. The weight, its rope and hook are rated for the load.",
-        "Load data of tool and weight set on the controller; mastering unchanged since the last service.",
+        f"Fence, emergency stop and enabling switch tested.{rated}",
+        f"Load data of {'tool and weight' if weight else 'the tool'} set on the controller; mastering unchanged since "
+        "the last service.",
         f"Tracker on for as long as its maker asks; {wish.reflectors} reflectors fixed to the floor around the robot, "
         "as far apart as the tracker sees.",
-        f"The programme drives in this sheet's order: {commands.programme}. At every stop it names the load "
-        "and waits for the start button. Run once slowly without the weight.",
-        f"Warm-up: {wish.warm_up:g} min without the weight, at measuring speed: {commands.warm_up}.",
-        f"Preload: at pose {first.pose} the weight on and off once, not read. The gears settle on one side.",
+        *_stands(protocol),
+        f"The programme drives in this sheet's order: {commands.programme}. At every stop it"
+        f"{' names the load and' if weight else ''} waits for the start button. Run once slowly"
+        f"{' without the weight' if weight else ''}.",
+        f"Warm-up: {wish.warm_up:g} min{' without the weight' if weight else ''}, at measuring speed: "
+        f"{commands.warm_up}.",
+        *(
+            [f"Preload: at pose {first.pose} the weight on and off once, not read. The gears settle on one side."]
+            * weight
+        ),
         f"Drive state while reading: {wish.drive}. The same for both states of every reading; note any change.",
         "Every pose is reached from the same side: the programme's own way, without jogging in between.",
     ]
@@ -163,7 +179,28 @@ def _before(protocol: Protocol, commands: Commands) -> SheetPart:
     return SheetPart("Before", (people, *notes, hours), tuple(steps))
 
 
+def _stands(protocol: Protocol) -> list[str]:
+    """Where the tracker is set up."""
+    if not protocol.stations:
+        return []
+    names = ", then ".join(protocol.stations)
+    return [f"The tracker is set up at {names}, about where the experiment says. Each stand is a series of its own."]
+
+
+def _positions(protocol: Protocol, files: SheetFiles) -> SheetPart:
+    """What is done at a pose where positions are read."""
+    steps = (
+        "The arm arrives. People clear. Compare the pendant's angles with the sheet.",
+        f"Wait {protocol.wish.settle:g} s. Read the reflectors on the floor ({files.floor}).",
+        f"Read the markers of the card, write the time and the temperature ({files.readings}).",
+        "A reading that went wrong is not overwritten: write 0 in its column use, and why in your own notes.",
+    )
+    return SheetPart("At each pose", (), steps)
+
+
 def _at_each_pose(protocol: Protocol, files: SheetFiles) -> SheetPart:
+    if not protocol.loaded:
+        return _positions(protocol, files)
     wish, readings, floor = protocol.wish, files.readings, files.floor
     half = "Where a card says 'half', first half of the weight, read, then all of it. " if wish.half else ""
     steps = [
@@ -175,12 +212,15 @@ def _at_each_pose(protocol: Protocol, files: SheetFiles) -> SheetPart:
         f"Cycles: {wish.cycles}, so weight on and off {wish.cycles} times; the last state is unloaded.",
         "A reading that went wrong is not overwritten: write 0 in its column use, and why in your own notes.",
     ]
+    bare = ("At a card of positions nothing hangs: its markers are read once.",) * any(
+        not v.load for v in protocol.visits
+    )
     weight = (
         "The weight never travels with the arm. Between poses it hangs from the crane or stands on its trolley, away "
         "from the way; it comes back when the arm stands still and the drives hold. A side pull is slackened first, "
         "then unhooked."
     )
-    return SheetPart("At each pose", (weight,), tuple(steps))
+    return SheetPart("At each pose", (weight, *bare), tuple(steps))
 
 
 def _order(protocol: Protocol) -> SheetPart:
@@ -191,6 +231,9 @@ def _order(protocol: Protocol) -> SheetPart:
         "plan": "The order is the plan's.",
     }[wish.order]
     again = f"Visited again later: {', '.join(protocol.repeated) or 'none'}. Keep to the order, also after a break."
+    if not protocol.loaded:
+        cards = "Angles are those of the pendant. In the pictures grey lines are the base's x (longer) and y."
+        return SheetPart("Visits", (f"{order} {again}", cards))
     cards = (
         "Angles are those of the pendant. The number of a state is its cycle: unloaded c and loaded c make one "
         "displacement. In the pictures grey lines are the base's x (longer) and y, the red arrow is the force."
@@ -210,11 +253,12 @@ def turning_words(protocol: Protocol) -> str:
     return f"{said}: look at the cables there."
 
 
-def _after(files: SheetFiles, commands: Commands) -> SheetPart:
+def _after(protocol: Protocol, files: SheetFiles, commands: Commands) -> SheetPart:
     readings = files.readings
+    bent = "what did not come back after unloading, whether half the load gives half the deflection, "
     text = (
         f"Name {readings} as `data:` in the experiment and run qsf check on it before any fit: it tells the "
-        "repeatability, what did not come back after unloading, whether half the load gives half the deflection, and "
+        f"repeatability, {bent if protocol.loaded else ''}and "
         "whether the floor's reflectors moved. Columns that nobody filled in may stay empty; rows not measured get 0 "
         f"in the column use. Then {commands.identify}."
     )

@@ -141,7 +141,7 @@ def in_force_unit(experiment: Experiment, k: float) -> Experiment:
         parameters=parameters,
         payload=None if robot.payload is None else robot.payload * k,
     )
-    loads = tuple(LoadCase(c.name, frozen(c.wrench * k), c.poses, c.poses_min, c.cost) for c in experiment.loads)
+    loads = tuple(LoadCase(c.name, frozen(c.wrench * k), c.poses, c.poses_min, cost=c.cost) for c in experiment.loads)
     return experiment.with_(
         robot=robot, loads=loads, parameters=tuple(scaled(p, k ** force_power(p)) for p in experiment.parameters)
     )

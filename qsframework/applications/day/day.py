@@ -83,6 +83,7 @@ def begin(experiment: Experiment, plan: Plan, folder: Path, wish: ProtocolWish |
     protocol = make_protocol(experiment, plan, wish)
     with opened(folder, protocol) as journal:
         series = experiment.frames[0].series if experiment.frames else "S1"
+        series = protocol.visits[0].station or series
         record = Record(folder=folder, protocol=protocol, series=series, states={})
         if journal.spoilt:
             keep_before(folder)
@@ -169,7 +170,7 @@ def _merged(day: Day, entry: Entry) -> Entry:
     new = {m: np.asarray(xyz, dtype=float) for m, xyz in entry.xyz.items()}
     there = day.record.states.get(entry.slot)
     if there is None:
-        return replace(entry, xyz=new, series=day.record.series, time=round(time.time(), 3))
+        return replace(entry, xyz=new, series=day.record.series_at(entry.slot), time=round(time.time(), 3))
     return replace(entry, xyz={**there.xyz, **new}, series=there.series, time=there.time)
 
 
@@ -189,7 +190,7 @@ def decide(day: Day, slot: Slot, decision: str, read_at: float | None = None) ->
             raise InputError(f"nothing was read at {_where(day, slot)} that could be decided upon")
         if read_at is not None and (entry.time != read_at or slot not in day.mistakes):
             raise InputError(f"the day has moved on: {_where(day, slot)} was decided upon")
-        series = day.record.series
+        series = day.record.series_at(slot)
         if decision == "correct" and mistake is not None and mistake.kind == "tracker":
             series = next_series(series)
             entry = replace(entry, series=series)
@@ -215,7 +216,8 @@ def store_floor(day: Day, slot: Slot | None, readings: Mapping[str, Array]) -> D
     """The day with positions (3,) m of the floor's reflectors, at a visit of it."""
     with locked(day) as (day, journal):
         visit = day.record.protocol.visits[-1 if slot is None else slot.visit]
-        floor = {"is": [visit.number, visit.pose, visit.repeat], "series": day.record.series}
+        series = day.record.series if slot is None else day.record.series_at(slot)
+        floor = {"is": [visit.number, visit.pose, visit.repeat], "series": series}
         floor |= {"xyz_m": {name: np.asarray(xyz).tolist() for name, xyz in readings.items()}}
         return _stored(day, journal, delivery(day.record, floor=floor))
 

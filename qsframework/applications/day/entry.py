@@ -119,7 +119,8 @@ def read_positions(text: str, names: tuple[str, ...]) -> dict[str, Array]:
 def _positions(day: Day, lines: list[str], slot: Slot | None) -> dict[str, Array]:
     """Those of the markers that are missing at a state."""
     markers = day.record.protocol.markers
-    missing = markers if slot is None else tuple(m for m in markers if m not in day.record.at(slot))
+    own = markers if slot is None else day.record.visit(slot).markers
+    missing = own if slot is None else tuple(m for m in own if m not in day.record.at(slot))
     return _read(lines, missing, markers)
 
 

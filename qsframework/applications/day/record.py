@@ -126,7 +126,12 @@ class Record:
     @property
     def next(self) -> Slot | None:
         """The first state of which a marker is missing; None: the day is done."""
-        return next((s for s in self.slots if any(m not in self.at(s) for m in self.protocol.markers)), None)
+        return next((s for s in self.slots if any(m not in self.at(s) for m in self.visit(s).markers)), None)
+
+    def series_at(self, slot: Slot) -> str:
+        """The frame that a state is read in: that of the tracker's present stand, or of the station it is moved to."""
+        station = self.visit(slot).station
+        return self.series if not station or _stem(self.series) == _stem(station) else station
 
 
 @contextmanager
@@ -137,7 +142,16 @@ def opened(folder: Path, protocol: Protocol) -> Generator[Journal]:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(Problem(f"cannot be written: {error.strerror}", str(folder))) from error
-    states = [[v.pose, v.repeat, v.pendant.tolist(), [s.wrench.tolist() for s in v.states]] for v in protocol.visits]
+    states = [
+        [
+            v.pose,
+            v.repeat,
+            v.pendant.tolist(),
+            [s.wrench.tolist() for s in v.states],
+            *([v.station] if v.station else []),
+        ]
+        for v in protocol.visits
+    ]
     plan = hashlib.sha256(json.dumps([states, protocol.markers]).encode()).hexdigest()[:12]
     log = folder / LOG
     if not log.exists():
@@ -240,8 +254,12 @@ def _entry(protocol: Protocol, data: Mapping[str, Any]) -> Entry:
 
 def next_series(series: str) -> str:
     """The name of the next frame: S2 after S1."""
-    stem = series.rstrip("0123456789")
+    stem = _stem(series)
     return f"{stem}{int(series[len(stem) :] or 1) + 1}"
+
+
+def _stem(series: str) -> str:
+    return series.rstrip("0123456789")
 
 
 def write_tables(record: Record) -> None:

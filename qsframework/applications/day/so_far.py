@@ -113,9 +113,10 @@ def _promised(e: Expected) -> dict[str, float]:
     entries = [
         Entry(
             slot=s,
-            xyz=dict(zip(protocol.markers, place[i], strict=True)),
+            xyz={m: place[i, protocol.markers.index(m)] for m in protocol.visits[s.visit].markers},
             pendant=e.poses.pendant[i],
             wrench=e.poses.wrench[i],
+            series=protocol.visits[s.visit].station,
         )
         for s, i in e.at.items()
     ]

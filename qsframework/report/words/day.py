@@ -38,6 +38,8 @@ def slot_words(day: Day, slot: Slot) -> str:
     """Which state: `pose p03, weight, cycle 1`."""
     visit, state = day.record.visit(slot), day.record.state(slot)
     again = f" (visit {visit.repeat} of it)" if visit.repeat > 1 else ""
+    if not visit.load:
+        return f"pose {visit.pose}{again}, positions{f' from {visit.station}' if visit.station else ''}"
     return f"pose {visit.pose}{again}, {state.load_id or 'unloaded'}, cycle {state.cycle}"
 
 
@@ -60,7 +62,7 @@ def judged_words(day: Day, judged: Judged) -> str:
     """What is said of a state whose reading came in, in one or two sentences."""
     where = slot_words(day, judged.slot)
     if judged.mistake is None:
-        missing = [m for m in day.record.protocol.markers if m not in day.record.at(judged.slot)]
+        missing = [m for m in day.record.visit(judged.slot).markers if m not in day.record.at(judged.slot)]
         more = f"; {', '.join(missing)} to come" if missing else ""
         return f"{where}: as expected{more}."
     reasons = [check_words(c) for c in judged.verdict.checks if c.p < 1e-5]

@@ -17,13 +17,19 @@ def certificate_text(plan: Plan) -> str:
         return "This plan carries no certificate: it was not designed here."
     certified = np.floor(1e7 * c.relaxed_efficiency) / 1e7  # never rounded up
     words = (
-        f"{c.criterion}-optimal over {c.candidates} candidates, each a pose under one load. The relaxed design "
+        f"{c.criterion}-optimal over {c.candidates} candidates, each a pose {_read(plan)}. The relaxed design "
         f"({c.solver}) is certified to an efficiency of {certified:.7f} by the equivalence theorem; the plan of "
         f"{c.poses} of these poses reaches at least {_chosen(c):.4f} of the best that any plan over them could."
     )
     if c.polished_from is not None:
         words += f" With its angles moved off the candidates, within the constraints, it reaches {c.efficiency:.4f}."
     return " ".join([words, *(f"Note: {note}." for note in c.notes)])
+
+
+def _read(plan: Plan) -> str:
+    """How each candidate is read."""
+    load = "" if plan.of_positions.all() else "under one load" + (" or none" if plan.of_positions.any() else "")
+    return " ".join(words for words in (load, "from one station" if plan.station else "") if words) or "without a load"
 
 
 def _chosen(c: PlanCertificate) -> float:
@@ -56,9 +62,15 @@ def plan_verdict(experiment: Experiment, plan: Plan, sds: Array) -> Verdict:
     """
     parameters, c, tip = experiment.fit_parameters(), plan.certificate, tip_size(plan)
     lost = [p.name for p, sd in zip(parameters, sds, strict=True) if not np.isfinite(sd)]
+    held = 0
+    if c is not None and plan.of_positions.any():  # a frame that nobody knows leaves some of the geometry to it
+        held = len(sds) - len(c.parameters)
+        lost = [name for name in lost if name in c.parameters]
     shares = [sd / abs(p.nominal) for p, sd in zip(parameters, sds, strict=True) if p.nominal and np.isfinite(sd)]
     faint = sum(1 for share in shares if share > 1.0)
     mark, word, told = Mark.GOOD, "Plan ready", f"tell all {len(sds)} parameters"
+    if held:
+        told = f"identify {len(sds) - held} parameters, {held} are held at nominal"
     if lost:
         mark, word = Mark.BAD, "Plan tells too little"
         told = f"tell {len(sds) - len(lost)} of {len(sds)} parameters, not {', '.join(lost[:3])}"
