@@ -4,7 +4,7 @@ Joint targets: q1_deg, q2_deg, ... as the pendant shows them (q1_mm
 of a joint that slides). Cartesian targets: x_mm, y_mm, z_mm of the load point in
 the base frame and the flange's rotation, as rx_deg, ry_deg, rz_deg (turns about the fixed base axes x, then y, then z:
 what FANUC calls W, P, R and KUKA C, B, A) or as a quaternion quat_w, quat_x, quat_y, quat_z. Joint angles in a
-Cartesian file are where the search for the joint angles starts.
+Cartesian file are where the search for the joint angles starts. An experiment without a load needs no forces.
 """
 
 from __future__ import annotations
@@ -82,7 +82,8 @@ def read_targets(path: str | Path, experiment: Experiment, tell: Tell | None = N
     """
     path, robot = Path(path), experiment.robot
     table = read_table(path, _columns(experiment), robot.name)
-    no_load(table, experiment)
+    if any(table.numbers.get(c, np.zeros(1)).any() for c in _WRENCH):
+        no_load(table, experiment)
     problems = list(table.problems)
     cartesian = any(stem in table.numbers for stem in (*_XYZ, *_TURNS, *_QUATERNION))
     joints = [f"q{k + 1}" for k in range(robot.controller.axes)]
@@ -112,13 +113,14 @@ def read_targets(path: str | Path, experiment: Experiment, tell: Tell | None = N
 
 
 def _columns(experiment: Experiment) -> list[Column]:
+    """What a table of targets holds; where a load acts somewhere it says the forces."""
     return [
         Column("target", "text"),
         *joint_columns(experiment, required=False),
         *(Column(c, "number", "m") for c in _XYZ),
         *(Column(c, "number", "rad") for c in _TURNS),
         *(Column(c, "number") for c in _QUATERNION),
-        *(Column(f, "number", "N", required=True) for f in _WRENCH[:3]),
+        *(Column(f, "number", "N", required=experiment.has_load) for f in _WRENCH[:3]),
         *(Column(m, "number", "N m") for m in _WRENCH[3:]),
     ]
 

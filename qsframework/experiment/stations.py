@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from qsframework.experiment.frames import Frame
 from qsframework.plugin import Array
 from qsframework.robot.kinematics import joint_frames
 from qsframework.robot.sight import Flags, incidence, visible
@@ -59,6 +60,12 @@ class Station:
 def station_of(experiment: Experiment, name: str) -> Station:
     """The station of a name; one that sees everything where the experiment has none of it."""
     return next((s for s in experiment.stations if s.name == name), Station(name))
+
+
+def station_frame(experiment: Experiment, series: str) -> Frame:
+    """The base as the tracker of a station would see it, with axes along those of the base."""
+    xyz = station_of(experiment, series).xyz
+    return Frame(series, np.eye(3), np.zeros(3) if xyz is None else -xyz)
 
 
 def seen_markers(experiment: Experiment, q: Array, names: Sequence[str]) -> Flags:

@@ -24,7 +24,7 @@ from qsframework.estimation.tails import chi2_isf
 from qsframework.experiment import Experiment, Plan
 from qsframework.forecast.effect_size import Bench
 from qsframework.forecast.forecast import DetectableSize, Foresight, Outlook, Pair, PowerCurve, Prospect, Why
-from qsframework.information import loss_words
+from qsframework.information import loss_words, promised_sd
 from qsframework.plugin import Array, Indices, Poses
 from qsframework.work import HERE, Work, run
 
@@ -76,19 +76,24 @@ def forecast(
 
     level: family-wise chance of an alarm; power: rate of detection, share: rate of right names that are asked for;
     sigma: noise of one coordinate, m, that of the experiment if None; exact: sizes are those at which the full
-    equilibrium shows as much, else those of the linear model; work: where, cause by cause.
+    equilibrium shows as much, else those of the linear model, as where positions are planned;
+    work: where, cause by cause.
     InputError where the noise is not known; NotIdentifiable where the plan does not even tell the fitted parameters.
     """
     tell: Progress = progress or (lambda step, done, total: None)
     poses = plan.repeated() if isinstance(plan, Plan) else plan
-    noise = sigma or experiment.noise.sigma
+    stands = isinstance(plan, Plan) and bool(plan.of_positions.any() or plan.station)
+    noise = sigma or (experiment.noise.of_position if stands else experiment.noise.sigma)
     if noise is None:
         raise InputError(f"{experiment.path}: a forecast needs the noise, for example noise: {{sigma_mm: 0.03}}")
     fitted = experiment.fit_names()
+    if isinstance(plan, Plan) and stands:  # what a frame that nobody knows leaves to the geometry is held
+        sds = promised_sd(experiment, plan)
+        fitted = tuple(name for name, sd in zip(fitted, sds, strict=True) if np.isfinite(sd))
     tell("causes", 0, 2)
     causes, untested = find_causes(experiment, fitted, poses)
-    case = plan_case(experiment, poses, fitted, causes, noise)
-    rank = rank_test(case.A, fitted)
+    case = plan_case(experiment, plan if stands else poses, fitted, causes, noise)
+    rank = rank_test(case.A, [*(p.name for f in case.frames for p in f.parameters()), *fitted])
     if not rank.full:
         raise NotIdentifiable(f"the plan does not tell the fitted parameters: {loss_words(case.model, rank, poses)}")
     subspaces = case.subspaces()
@@ -96,7 +101,7 @@ def forecast(
     angles = angle_matrix(subspaces)
     test = _make_test(subspaces, len(case.A), level, power, seed)
     tell("causes", 2, 2)
-    bench = Bench(experiment, poses, noise) if exact else None
+    bench = Bench(experiment, poses, noise) if exact and not stands else None
     prospects: list[Prospect] = []
     tell("sizes", 0, len(causes))
     for found in run(_sizes, (case, test, share, bench), range(len(causes)), work):

@@ -9,11 +9,11 @@ import numpy as np
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError
 from qsframework.estimation import left, orthonormal, rank_test, scales
-from qsframework.experiment import Experiment, Frame, Plan, Readings, make_rows
+from qsframework.experiment import Experiment, Plan, Readings, make_rows
 from qsframework.experiment.observations import start_values
 from qsframework.experiment.readings import UNSTATED
 from qsframework.experiment.simulate import planned_readings
-from qsframework.experiment.stations import station_of
+from qsframework.experiment.stations import station_frame
 from qsframework.information.identifiable import choose, in_order, limits_of
 from qsframework.plugin import Array, Poses
 
@@ -73,16 +73,10 @@ def readings_columns(
     rows, model = make_rows(readings), experiment.model()
     x = start_values(experiment, names) if x is None else x
     unit = 1.0 if readings.stated else UNSTATED / (experiment.noise.sigma or 1.0)
-    found = rows.start(model, x) if frames else [_stood(experiment, readings.frames[f]) for f in rows.estimated]
+    found = rows.start(model, x) if frames else [station_frame(experiment, readings.frames[f]) for f in rows.estimated]
     white = rows.noise.whiten(rows.flat(rows.rates(model, x, found, names)[1])) * unit
     k = 6 * len(found)
     return left(orthonormal(white[:, :k]), white[:, k:] * scales([model.parameters[i] for i in model.index(names)]))
-
-
-def _stood(experiment: Experiment, series: str) -> Frame:
-    """The base as a station's tracker would see it with axes along those of the base."""
-    xyz = station_of(experiment, series).xyz
-    return Frame(series, np.eye(3), np.zeros(3) if xyz is None else -xyz)
 
 
 def plan_columns(experiment: Experiment, plan: Plan, names: Sequence[str], x: Array | None = None) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -13,6 +13,7 @@ from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Plan, read_plan
 from qsframework.experiment.columns import read_table, table_lines
 from qsframework.experiment.readings_table import counts, state_columns
+from qsframework.experiment.stations import seen_markers
 from qsframework.plugin import Array
 
 
@@ -43,6 +44,8 @@ class Campaign:
     exact: bool = False
     drive: Mapping[PlanSlot, str] | None = None
     source: Path | None = None
+    stations: Mapping[str, str] = field(default_factory=dict[str, str])
+    """Of poses whose station is named: the series of their points, where these name none."""
 
     @cached_property
     def slots(self) -> frozenset[PlanSlot]:
@@ -68,10 +71,12 @@ def read_campaign(path: Path, experiment: Experiment) -> Campaign:
 def of_plan(plan: Plan, experiment: Experiment, path: Path | None = None) -> Campaign:
     """Every pose unloaded and then loaded, all markers each time, as often as the plan repeats it; where the experiment
     has no load, none hung."""
-    markers = [m.name for m in experiment.markers]
+    names = np.array([m.name for m in experiment.markers])
+    seen = seen_markers(experiment, plan.q, plan.stations)
+    each = [names[own].tolist() for own in seen]
     order = tuple(
         PlanSlot(pose, marker, loaded, repeat=repeat)
-        for pose, repeats, wrench in zip(plan.pose, plan.repeats, plan.wrench, strict=True)
+        for pose, repeats, wrench, markers in zip(plan.pose, plan.repeats, plan.wrench, each, strict=True)
         for repeat in range(1, repeats + 1)
         for loaded in ((False, True) if np.any(wrench) and experiment.has_load else (False,))
         for marker in markers
@@ -82,6 +87,7 @@ def of_plan(plan: Plan, experiment: Experiment, path: Path | None = None) -> Cam
         order=order,
         names={p: {"": name} for p, name in zip(plan.pose, plan.load, strict=True)},
         source=path,
+        stations=dict(zip(plan.pose, plan.station, strict=True)) if plan.station else {},
     )
 
 
@@ -112,7 +118,7 @@ def _of_table(path: Path, experiment: Experiment) -> Campaign:
     for slot, force in zip(slots, wrench, strict=True):
         if slot.loaded:
             wrenches.setdefault(slot.pose, {}).setdefault(slot.load_id, force)
-    drives = table.texts.get("drive_state")
+    drives, series = table.texts.get("drive_state"), table.texts.get("series", [""] * len(slots))
     return Campaign(
         poses=dict(zip(reversed([s.pose for s in slots]), reversed(list(pendant)), strict=True)),
         loads=wrenches,
@@ -121,4 +127,5 @@ def _of_table(path: Path, experiment: Experiment) -> Campaign:
         exact=True,
         drive=None if drives is None else dict(zip(slots, drives, strict=True)),
         source=path,
+        stations={slot.pose: name for slot, name in zip(slots, series, strict=True) if name},
     )

@@ -265,7 +265,7 @@ class _Import:
         if not points:
             raise InputError(Problem("no point is left to take", ", ".join(li.sheet.where for li in lists)))
         aligned = self._known_frame(seen)
-        points = self._matched(points, campaign, aligned)
+        points = [_of_station(p, campaign) for p in self._matched(points, campaign, aligned)]
         pendant = self._angles(points, campaign, how, logged)
         pendant = pendant[[not p.listing.unseen[p.row] for p in points]]
         points = [p for p in points if not p.listing.unseen[p.row]]
@@ -470,6 +470,12 @@ def _sources(points: Sequence[TrackerPoint]) -> dict[str, str]:
     own = {t.role: t.column for t in listing.taken}
     pairs = {f"{a}_mm": own.get(a) for a in "xyz"} | {"pose": own.get("name"), "marker": own.get("name")}
     return {k: v for k, v in pairs.items() if v is not None}
+
+
+def _of_station(point: TrackerPoint, campaign: Campaign) -> TrackerPoint:
+    """With the station of its pose as its series, where it names none."""
+    pose = "" if point.slot is None else point.slot.pose
+    return point if point.series else replace(point, series=campaign.stations.get(pose, ""))
 
 
 def _read_back(

@@ -11,10 +11,11 @@ import numpy as np
 from qsframework.diagnose.linearization.candidates import REACH, Cause, groups_of, widened
 from qsframework.elastostatics import Model
 from qsframework.estimation import Noise, left, scales
-from qsframework.experiment import Experiment, Frame, make_rows
+from qsframework.experiment import Experiment, Frame, Plan, make_rows
 from qsframework.experiment.frames import motion_count
 from qsframework.experiment.observations import ReadingRows
-from qsframework.experiment.simulate import displaced
+from qsframework.experiment.simulate import displaced, planned_readings
+from qsframework.experiment.stations import station_frame
 from qsframework.identify.selection import held_of
 from qsframework.plugin import Array, Indices, Poses
 
@@ -211,13 +212,20 @@ def _split(white: Array, first: int, causes: Sequence[Cause]) -> tuple[Array, tu
 
 def plan_case(
     experiment: Experiment,
-    poses: Poses,
+    poses: Poses | Plan,
     fitted: Sequence[str],
     causes: Sequence[Cause],
     sigma: float,
     x: dict[str, float] | None = None,
 ) -> Case:
-    """The case of poses that are still to be measured, every marker once, at the values `x`; no residuals."""
+    """The case of poses that are still to be measured, every marker once, at the values `x`; no residuals.
+
+    Of a plan, the case of what it reads: positions in the frames of its stations, each with its own sd.
+    """
+    if isinstance(poses, Plan):
+        rows = make_rows(planned_readings(experiment, poses))
+        frames = [station_frame(experiment, rows.readings.frames[f]) for f in rows.estimated]
+        return make_case(experiment, rows, fitted, causes, x or {}, np.zeros_like(rows.measured), frames)
     nothing = np.zeros((len(poses), len(experiment.markers), 3))
     planned = displaced(poses, nothing, sigma, [f"{i:09d}" for i in range(len(poses))])
     rows = make_rows(planned)
