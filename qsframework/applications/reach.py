@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from qsframework.applications.inverse import arm_length, joint_step, rigid_jacobian
+from qsframework.applications.task import TaskPath
 from qsframework.elastostatics import Model, Site
+from qsframework.errors import InputError, Problem
 from qsframework.plugin import Array, Indices, Poses
 from qsframework.plugin.facts import frozen
 from qsframework.robot import Robot
@@ -138,3 +140,19 @@ def _newton(
         pendant = np.clip(pendant + step, controller.lower, controller.upper)
     poses = Poses(pendant, controller.to_joints(pendant), np.zeros((len(pendant), 6)))
     return pendant, (size < 1e3 * _CLOSE) & (model.transmission_margin(poses) >= 0.0)
+
+
+def standing(robot: Robot, model: Model, tool: ReachTool, path: TaskPath, where: str, seed: int = 0) -> Poses:
+    """Poses (P,) at the points of a path, with its wrenches. InputError with the points that the arm does not reach."""
+    found = reach(robot, model, tool, path.points, path.directions, seed)
+    if not found.good.all():
+        problems = [
+            Problem(
+                f"path, point {i + 1}: the arm does not reach it with the tool pointing that way",
+                where,
+                hint="Move the point, or let the tool point another way (approach).",
+            )
+            for i in np.flatnonzero(~found.good).tolist()
+        ]
+        raise InputError(problems)
+    return Poses(found.pendant, robot.controller.to_joints(found.pendant), path.wrenches)

@@ -87,15 +87,15 @@ class CampaignSpec(FileModel):
     loads: list[LoadCaseSpec] = pydantic.Field(min_length=1)
 
 
-class TaskSpec(FileModel):
-    """task.yaml."""
+class WorkSpec(FileModel):
+    """What of a task.yaml `qsf design --for` asks for: the path, where no force needs to act."""
 
     title: str
     tool: Annotated[float, Unit("m")] = pydantic.Field(ge=0)
     approach: list[float]
     path: list[PointSpec] = pydantic.Field(min_length=1)
-    map: MapSpec
-    campaign: CampaignSpec
+    map: MapSpec | None = None
+    campaign: CampaignSpec | None = None
     floor: Annotated[float | None, Unit("m")] = None
 
     @pydantic.field_validator("approach")
@@ -104,6 +104,35 @@ class TaskSpec(FileModel):
         if len(value) != 3 or max(map(abs, value)) < SHORTEST:
             raise ValueError("approach needs three numbers, not all zero: the way the tool points, base frame")
         return value
+
+
+class TaskSpec(WorkSpec):
+    """task.yaml of a comparison."""
+
+    map: MapSpec  # pyright: ignore[reportIncompatibleVariableOverride, reportGeneralTypeIssues]
+    campaign: CampaignSpec  # pyright: ignore[reportIncompatibleVariableOverride, reportGeneralTypeIssues]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TaskPath:
+    """Where a tool, m from the flange along the last axis, is to stand: points (P, 3) m, directions (P, 3) that it
+    points in, wrenches (P, 6) on it, all base frame."""
+
+    tool: float
+    points: Array
+    directions: Array
+    wrenches: Array
+
+
+def load_task_path(path: str | Path) -> TaskPath:
+    """The path of a task.yaml. InputError with all its problems, each with file and line."""
+    spec = validate(read_yaml(path), WorkSpec)
+    return TaskPath(
+        tool=spec.tool,
+        points=frozen([p.xyz for p in spec.path]),
+        directions=frozen([_unit(p.approach or spec.approach) for p in spec.path]),
+        wrenches=frozen([[p.fx, p.fy, p.fz, p.mx, p.my, p.mz] for p in spec.path]),
+    )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

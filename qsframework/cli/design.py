@@ -17,9 +17,11 @@ from qsframework.design import (
     generate_candidates,
     grid_candidates,
     joint_sd,
+    plan_for,
     read_candidates,
 )
 from qsframework.design.candidates import Candidates
+from qsframework.design.need import Needed
 from qsframework.elastostatics import range_notes
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Plan, Readings, load_experiment, read_plan, read_readings, write_plan
@@ -29,7 +31,7 @@ from qsframework.report import certificate_text, sd_table, write_report
 from qsframework.report.blocks import ReportTable
 from qsframework.report.plan_section import margin_words, plan_sections
 from qsframework.report.provenance import AFTER, EQUILIBRIUM, INFORMATION, computed
-from qsframework.report.words.plan import plan_verdict, tip_words
+from qsframework.report.words.plan import need_words, plan_verdict, tip_words
 from qsframework.work import Work
 
 Tell = Callable[[str, int, int], None]
@@ -46,32 +48,53 @@ class DesignFiles:
     output: Path
     json: Path | None
     report: Path | None
+    task: Path | None = None
 
     def inputs(self) -> list[Path]:
         named = [Path(self.candidates)] if Path(self.candidates).is_file() else []
-        return [self.experiment, *self.taken, *named, *([self.test_poses] if self.test_poses else [])]
+        asked = [path for path in (self.test_poses, self.task) if path is not None]
+        return [self.experiment, *self.taken, *named, *asked]
 
 
-def run_design(files: DesignFiles, poses: int, wish: Wish, seed: int, work: Work, verbose: bool = False) -> None:
-    """Design, write plan.csv and plan.json, print the promise of the plan."""
+_POSES, _MOST = 12, 200
+"""Poses of a plan where nobody says how many, and the most of one that is to reach an accuracy."""
+
+
+def run_design(
+    files: DesignFiles,
+    poses: int | None,
+    wish: Wish,
+    seed: int,
+    work: Work,
+    verbose: bool = False,
+    accuracy: float | None = None,
+) -> None:
+    """Design, write plan.csv and plan.json, print the promise of the plan. accuracy, m: with a task"""
     experiment = load_experiment(files.experiment)
     outputs = [files.output, beside(files.output, ".json"), files.json, files.report]
     distinct_outputs(outputs, files.inputs())
     taken = [read_taken(path, experiment) for path in files.taken]
     test = None if files.test_poses is None else read_plan(files.test_poses, experiment).poses
+    if (files.task is None) != (accuracy is None):
+        raise InputError("--for and --accuracy-mm belong together: --for task.yaml --accuracy-mm 0.1")
+    needed: Needed | None = None
     with progress() as tell:
-        found = find_candidates(files.candidates, experiment, seed, tell, work)
-        plan = design(
-            experiment,
-            poses,
-            candidates=found,
-            seed=seed,
-            progress=tell,
-            wish=wish,
-            test_poses=test,
-            taken=taken,
-            work=work,
-        )
+        if files.task is not None and accuracy is not None:
+            found, needed = _needed(files, files.task, accuracy, experiment, poses or _MOST, wish, seed, tell, work)
+            plan = needed.plan
+        else:
+            found = find_candidates(files.candidates, experiment, seed, tell, work)
+            plan = design(
+                experiment,
+                poses or _POSES,
+                candidates=found,
+                seed=seed,
+                progress=tell,
+                wish=wish,
+                test_poses=test,
+                taken=taken,
+                work=work,
+            )
     write_plan(files.output, plan, experiment)
     sds = {"this plan": promised_sd(experiment, plan)}
     if taken:
@@ -79,6 +102,8 @@ def run_design(files: DesignFiles, poses: int, wish: Wish, seed: int, work: Work
     table = _sd_table(experiment, plan, sds)
     verdict = plan_verdict(experiment, plan, sds["this plan"])
     print_verdict(verdict)
+    for line in [] if needed is None else need_words(needed):
+        print_folded(line)
     print_table(table.header, table.rows)
     print_folded(f"{found.words() if verbose else found.summary}.")
     if not verbose and any(found.alone.values()):
@@ -95,7 +120,8 @@ def run_design(files: DesignFiles, poses: int, wish: Wish, seed: int, work: Work
         print(f"next: measure each pose unloaded, then loaded, or {simulated}")
     if files.json is not None:
         certificate = plan.certificate.as_json() if plan.certificate else None
-        write_json(files.json, {"plan": str(files.output), "certificate": certificate, "candidates": found.words()})
+        told = {"plan": str(files.output), "certificate": certificate, "candidates": found.words()}
+        write_json(files.json, told | ({} if needed is None else {"needed": needed.as_json()}))
     if files.report is not None:
         notes = (found.words(), margin, *tip_words(plan), *twin_words(experiment, plan), *beyond)
         sections = (
@@ -103,6 +129,36 @@ def run_design(files: DesignFiles, poses: int, wish: Wish, seed: int, work: Work
             computed(experiment, files.inputs(), seed, (EQUILIBRIUM, INFORMATION, AFTER)),
         )
         print(f"report: {write_report(files.report, f'Measurement plan: {experiment.robot.title}', sections, verdict)}")
+
+
+def _needed(
+    files: DesignFiles,
+    task: Path,
+    accuracy: float,
+    experiment: Experiment,
+    most: int,
+    wish: Wish,
+    seed: int,
+    tell: Tell,
+    work: Work,
+) -> tuple[Candidates, Needed]:
+    """The smallest plan for a task. InputError where another option asks for something else, or the arm does not reach
+    a point."""
+    from qsframework.applications.reach import standing, tool_of
+    from qsframework.applications.task import load_task_path
+
+    if files.test_poses is not None or files.taken or wish.budget is not None:
+        raise InputError(
+            "--for goes without --test-poses, --taken and --budget: the task says where, and the least is asked"
+        )
+    robot, asked = experiment.robot, load_task_path(task)
+    tool = tool_of(robot, asked.tool)
+    points = standing(robot, experiment.model(), tool, asked, str(task), seed)
+    found = find_candidates(files.candidates, experiment, seed, tell, work)
+    needed = plan_for(
+        experiment, points, tool.site, accuracy, found, most=most, seed=seed, wish=wish, progress=tell, work=work
+    )
+    return found, needed
 
 
 def _sd_table(experiment: Experiment, plan: Plan, sds: Mapping[str, Array]) -> ReportTable:

@@ -164,7 +164,15 @@ def show(
 @app.command()
 def design(
     experiment: ExperimentFile,
-    poses: Annotated[int, typer.Option("-n", "--poses", help="Number of poses.", min=1, max=10_000)] = 12,
+    poses: Annotated[
+        int | None, typer.Option("-n", "--poses", help="Number of poses; the most with --for.", min=1, max=10_000)
+    ] = None,
+    task: Annotated[
+        Path | None, typer.Option("--for", help="task.yaml: the smallest plan for the points of its path.")
+    ] = None,
+    accuracy_mm: Annotated[
+        float | None, typer.Option(help="With --for: error of the tool there, k = 2.", min=0.0)
+    ] = None,
     criterion: Annotated[
         str,
         typer.Option(
@@ -221,12 +229,14 @@ def design(
             output=output,
             json=json,
             report=report,
+            task=task,
         ),
         poses,
         wish,
         seed,
         Work(jobs, dask),
         verbose,
+        accuracy=None if accuracy_mm is None else 1e-3 * accuracy_mm,
     )
 
 

@@ -10,5 +10,6 @@ from .candidates import (
 from .catalogue import CRITERIA as CRITERIA, TITLES as TITLES, find_criterion as find_criterion
 from .certified import Wish as Wish
 from .design import design as design
+from .need import Needed as Needed, plan_for as plan_for
 from .problem import joint_sd as joint_sd
 from .symmetry import equivalent_poses as equivalent_poses

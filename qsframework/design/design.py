@@ -27,6 +27,7 @@ from qsframework.design.problem import (
 )
 from qsframework.design.relaxed import SOLVER
 from qsframework.design.task import white_basis
+from qsframework.elastostatics import Site
 from qsframework.errors import InputError, NotIdentifiable
 from qsframework.experiment import Experiment, Plan, PlanCertificate, Readings, make_plan
 from qsframework.experiment.observations import start_values
@@ -58,16 +59,17 @@ def design(
     *,
     wish: Wish | None = None,
     test_poses: Poses | None = None,
+    tip: Site | None = None,
     taken: Sequence[Plan | Readings] = (),
     work: Work = HERE,
 ) -> Plan:
     """A plan of `poses` poses, certified against the best relaxed design over the same candidates.
 
     wish: everything else that is asked; it replaces criterion and repeats;
-    candidates: how many to draw, or poses (N, n) rad; test_poses: where the tip is to be known best (I, G);
-    taken: plans or readings whose information is there already; work: where the candidates and the exchange are
-    computed. InputError where the experiment cannot give a plan; NotIdentifiable, before any optimisation, where its
-    loads cannot tell the parameters apart; NotCertified where the certificate misses the asked efficiency.
+    candidates: how many to draw, or poses (N, n) rad; test_poses: where the tip is to be known best (I, G); tip: the
+    load point if None; taken: plans or readings whose information is there already; work: where the candidates and the
+    exchange are computed. InputError where the experiment cannot give a plan; NotIdentifiable, before any optimisation,
+    where its readings cannot tell the parameters apart; NotCertified where the certificate misses the asked efficiency.
     """
     wish = wish or Wish(criterion=criterion, repeats=repeats)
     check_criterion(wish.criterion)
@@ -88,7 +90,7 @@ def design(
         experiment, candidates, total, samples, prior, wish.budget is not None, partial(tell, "sensitivities"), work
     )
     require_rank(problem)
-    rule = Robust(_criterion(problem, wish, test_poses), wish.worst)
+    rule = Robust(_criterion(problem, wish, test_poses, tip), wish.worst)
     tries = [_relaxed(own, rule, wish, seed, tell) for own in choices(problem, wish)]
     tries.sort(key=lambda one: one.bound)
     best: _Tried | None = None
@@ -193,7 +195,7 @@ def _prior(
     return total
 
 
-def _criterion(problem: DesignProblem, wish: Wish, test_poses: Poses | None) -> Criterion:
+def _criterion(problem: DesignProblem, wish: Wish, test_poses: Poses | None, site: Site | None) -> Criterion:
     experiment = problem.experiment
     experiment.model().index(wish.interest)  # an InputError names the nearest
     strange = [name for name in wish.interest if name not in experiment.fit_names()]
@@ -205,7 +207,7 @@ def _criterion(problem: DesignProblem, wish: Wish, test_poses: Poses | None) -> 
     interest = [problem.names.index(name) for name in wish.interest]
     tip, width = None, problem.reading.width
     if wish.criterion in ("I", "G"):
-        tip = tip_rows(experiment, test_poses, problem.pendant, problem.names)
+        tip = tip_rows(experiment, test_poses, problem.pendant, problem.names, site)
         tip = np.pad(tip, ((0, 0), (0, 0), (0, width - len(problem.names))))
     return find_criterion(wish.criterion, interest, width, tip, problem.wanted.tolist())
 

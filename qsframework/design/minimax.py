@@ -95,6 +95,16 @@ class Largest(Criterion):
         """psi_j (..., J) at regular M."""
         return np.linalg.inv(M).reshape(*M.shape[:-2], -1) @ self.weights.T
 
+    def with_one(self, M: Array, block: Array) -> Array:
+        if block.shape[1] >= M.shape[-1]:
+            return super().with_one(M, block)
+        cov = covariance(M)
+        turned = block @ cov
+        grown = np.eye(block.shape[1]) + turned @ np.swapaxes(block, -1, -2)
+        own = turned @ self.rows.reshape(-1, M.shape[-1]).T
+        saved = (own * np.linalg.solve(grown, own)).sum(axis=1).reshape(len(block), *self.rows.shape[:2])
+        return np.asarray((self.each(M) - saved.sum(axis=2)).max(axis=1), dtype=np.float64)
+
     @cached_property
     def weights(self) -> Array:
         """A_j' A_j as (J, p^2)."""

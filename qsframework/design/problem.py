@@ -9,7 +9,7 @@ import numpy as np
 
 from qsframework.design.candidates import Candidates
 from qsframework.design.reading import FRAME_SD, Reading, StationRows, sample_rows
-from qsframework.elastostatics import Model
+from qsframework.elastostatics import Model, Site
 from qsframework.errors import InputError, NotIdentifiable, Problem
 from qsframework.estimation import RankTest, rank_test, scales
 from qsframework.experiment import Experiment, LoadCase, Plan, Readings
@@ -377,11 +377,14 @@ def draw_samples(model: Model, count: int, seed: int) -> Array:
     return np.concatenate([model.nominal[None], drawn])
 
 
-def tip_rows(experiment: Experiment, poses: Poses | None, candidates: Array, names: Sequence[str]) -> Array:
-    """Sensitivity (J, 3, p) of the load point at test poses, m per unit of each scaled parameter: of its position where
+def tip_rows(
+    experiment: Experiment, poses: Poses | None, candidates: Array, names: Sequence[str], site: Site | None = None
+) -> Array:
+    """Sensitivity (J, 3, p) of the tip at test poses, m per unit of each scaled parameter: of its position where
     positions are planned, else of how far a load moves it.
 
-    poses None: the first candidates under every load of the experiment stand for the work.
+    poses None: the first candidates under every load of the experiment stand for the work; site: the tip, where the
+    poses' wrenches act, the load point if None
     """
     if poses is None:
         few, cases = candidates[:_TEST_POSES], experiment.cases
@@ -391,10 +394,12 @@ def tip_rows(experiment: Experiment, poses: Poses | None, candidates: Array, nam
     model = experiment.model()
     size = scales([model.parameters[i] for i in model.index(names)])
     if not experiment.plans_positions:
-        tip = replace(model, markers=(experiment.load_site,), marker_names=("load point",))
+        point = site or experiment.load_site
+        tip = replace(model, tip=point, markers=(point,), marker_names=("load point",))
         return tip.sensitivity(poses, names=names)[:, 0] * size
-    both = (*model.markers, experiment.load_site), (*model.marker_names, "load point")
-    tip, x = replace(model, markers=both[0], marker_names=both[1]), start_values(experiment, names)
+    point, x = site or experiment.load_site, start_values(experiment, names)
+    both = (*model.markers, point), (*model.marker_names, "load point")
+    tip = replace(model, tip=point, markers=both[0], marker_names=both[1])
     sensors = kinds_of(model, Sensor)  # of markers and the instrument, which move no tip
     size = size * [name not in sensors for name in names]
     return tip.position_sensitivity(poses, x, names=names, loaded=True)[:, -1] * size

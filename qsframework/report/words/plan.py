@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from qsframework.design.need import Needed
 from qsframework.experiment import Experiment, Plan
 from qsframework.experiment.plan import PlanCertificate
 from qsframework.plugin import Array
@@ -52,6 +53,26 @@ def tip_words(plan: Plan) -> list[str]:
     return [
         f"After compensation with a fit of this plan the tip is known to {1e3 * size:.4f} mm ({which} over the test "
         "poses)"
+    ]
+
+
+def need_words(found: Needed) -> list[str]:
+    """Whether a plan reaches the accuracy that was asked for, and what limits it where it does not."""
+    count, asked = int(sum(found.plan.repeats)), f"{1e3 * found.accuracy:.3g} mm"
+    reached = f"{1e3 * found.reached.max():.3f} mm (k = 2, at point {found.worst + 1})"
+    frame = "Positions are meant in the base frame that the parameters held at nominal define."
+    if found.enough:
+        fewest = f"; over the candidates no plan of fewer than {found.least} poses does, by the certificate"
+        return [f"{count} poses reach {reached}, {asked} was asked for{fewest}. {frame}"]
+    if found.repeatability >= found.accuracy:
+        limit = f"the arm's own repeatability alone is {1e3 * found.repeatability:.3f} mm, which no plan reduces"
+        return [f"No plan reaches {asked}: {limit}. {count} poses reach {reached}. Ask for more than that."]
+    name, share = found.shares[0]
+    smaller = f"with its noise {found.sigma:.1f} times smaller the most poses that are allowed would do"
+    return [
+        f"{asked} is not reached: {count} poses reach {reached}, about {found.poses:.0f} would be needed. The "
+        f"instrument limits it: {smaller}. {100 * share:.0f} % of the variance there is of {name}.",
+        f"Allow more poses (-n), add markers, a nearer station or a better instrument. {frame}",
     ]
 
 
