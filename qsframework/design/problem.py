@@ -27,7 +27,8 @@ from qsframework.work import HERE, Work, run
 HELD_BYTES = 4_000_000_000
 """Rows above this size are computed again in every pass instead of being held."""
 _SAMPLE = 4096
-_CHUNK = 65536
+_CHUNK, _FEW = 65536, 4096
+"""Candidates whose rows are computed together: of displacements, and of positions with what they are made of."""
 _SETTLED = 40_000
 """Candidates, each at every sample, up to which all are scored where they settle: a second or less."""
 _TRIED, _ALIKE = 512, 0.05
@@ -342,8 +343,9 @@ def _rows(problem: DesignProblem, progress: Progress | None, work: Work) -> Cand
     out = np.empty(shape if kept else (0, 0, 0, 0))
     if not plain:
         weights = np.zeros((len(problem.stations), count, len(problem.experiment.markers)))
-    starts = range(0, count, _CHUNK)
-    parts = (np.arange(start, min(start + _CHUNK, count)) for start in starts)
+    step = _CHUNK if plain else _FEW
+    starts = range(0, count, step)
+    parts = (np.arange(start, min(start + step, count)) for start in starts)
     tasks = ((problem.batch(part), problem.load(part)) for part in parts)
     for start, (rows, weight) in zip(starts, run(_chunk, (reading, problem.linear), tasks, work), strict=True):
         part = slice(start, start + len(rows))

@@ -1,0 +1,90 @@
+"""Plans of positions: no load, the frame and the nests unknown; the promised sds are those of the fits."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from qsframework.design import design
+from qsframework.design.candidates import generate_candidates
+from qsframework.design.certified import Wish
+from qsframework.errors import InputError
+from qsframework.experiment import Experiment, Plan, load_experiment, simulate
+from qsframework.identify import identify
+from qsframework.information import promises
+
+TEXT = """
+robot: ur10
+rigid: true
+markers:
+  m1: {xyz_mm: [60, 0, 40]}
+  m2: {xyz_mm: [-40, 50, 40]}
+  m3: {xyz_mm: [-40, -50, 80]}
+noise: {position_sigma_mm: 0.03}
+stations:
+  east: {xyz_mm: [3000, 500, 300]}
+fit: [geometry]
+"""
+DRAWS = 30
+
+
+def written(folder: Path, text: str = TEXT) -> Experiment:
+    (folder / "experiment.yaml").write_text(text)
+    return load_experiment(folder / "experiment.yaml")
+
+
+@pytest.fixture(scope="module")
+def planned(tmp_path_factory: pytest.TempPathFactory) -> tuple[Experiment, Plan]:
+    experiment = written(tmp_path_factory.mktemp("positions"))
+    candidates = generate_candidates(experiment, 120, seed=0)
+    return experiment, design(experiment, 18, "D", candidates)
+
+
+def test_the_plan_is_certified_and_reads_positions_from_the_station(planned: tuple[Experiment, Plan]) -> None:
+    _, plan = planned
+    assert plan.certificate is not None
+    assert plan.certificate.polished_from > 0.9
+    assert set(plan.station) == {"east"}
+    assert not plan.wrench.any()
+
+
+def test_promised_sds_are_those_of_fits_and_of_their_scatter(planned: tuple[Experiment, Plan]) -> None:
+    experiment, plan = planned
+    promised = {p.name: p.sd for p in promises(experiment, plan)}
+    fits = [identify(experiment, simulate(experiment, plan, seed=s).readings) for s in range(DRAWS)]
+    names = [e.name for e in fits[0].estimates if e.name in promised]
+    assert len(names) == sum(np.isfinite(sd) for sd in promised.values()) == 20
+    own = {e.name: e.sd for e in fits[0].estimates}
+    for name in names:
+        assert own[name] == pytest.approx(promised[name], rel=2e-3)
+    values = np.array([[e.value for e in fit.estimates if e.name in names] for fit in fits])
+    ratio = values.std(axis=0, ddof=1) / [promised[n] for n in names]
+    one = 1.0 / np.sqrt(2.0 * (DRAWS - 1))
+    assert np.abs(ratio - 1.0).max() < 4.0 * one
+    assert abs(ratio.mean() - 1.0) < 3.0 * one / 2.0  # estimates of one fit scatter together
+
+
+def test_a_second_station_helps_and_costs(tmp_path: Path) -> None:
+    """A budget of plain poses: the second station is set up only where it is worth its cost."""
+    both = TEXT.replace("fit:", "  west: {xyz_mm: [-3000, -500, 300], cost: 4}\nfit:")
+    experiment = written(tmp_path, both)
+    wish = Wish(criterion="D", budget=16.0)
+    plan = design(experiment, 0, candidates=generate_candidates(experiment, 60, seed=0), wish=wish)
+    assert sum(plan.repeats) + 4 * ("west" in plan.station) <= 16
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("noise: {position_sigma_mm: 0.03}", "noise: estimate", ("needs", "noise")),
+        ("xyz_mm: [3000, 500, 300]", "xyz_mm: [3000, 500]", ("xyz needs three numbers",)),
+    ],
+)
+def test_what_a_plan_of_positions_lacks_is_said(tmp_path: Path, old: str, new: str, words: tuple[str, ...]) -> None:
+    with pytest.raises(InputError) as error:
+        experiment = written(tmp_path, TEXT.replace(old, new))
+        design(experiment, 10, "D", generate_candidates(experiment, 30, seed=0))
+    for word in words:
+        assert word in str(error.value)
