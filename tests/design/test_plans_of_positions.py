@@ -83,8 +83,11 @@ def test_a_second_station_helps_and_costs(tmp_path: Path) -> None:
     ],
 )
 def test_what_a_plan_of_positions_lacks_is_said(tmp_path: Path, old: str, new: str, words: tuple[str, ...]) -> None:
-    with pytest.raises(InputError) as error:
+    def tried() -> Plan:
         experiment = written(tmp_path, TEXT.replace(old, new))
-        design(experiment, 10, "D", generate_candidates(experiment, 30, seed=0))
+        return design(experiment, 10, "D", generate_candidates(experiment, 30, seed=0))
+
+    with pytest.raises(InputError) as error:
+        tried()
     for word in words:
         assert word in str(error.value)
