@@ -24,6 +24,8 @@ _LEAST = 4
 """States with all markers below which there is no shape to compare with."""
 _LOOSE = 1.5
 """A typical state this many times worse than the stated noise: its own noise is taken, the verdict tells of it."""
+_WILD = 10.0
+"""Times the stated noise that the distances scatter by, beyond which a unit, a sign or an axis is wrong, no name."""
 _THIN = 20.0
 """Markers whose shape is thinner than so many sigmas lie on one line."""
 _MENDED = 1e-3
@@ -289,9 +291,10 @@ def _apart(tool: MarkerTool, shape: Array) -> float:
 def _distances(experiment: Experiment, readings: Readings, tool: MarkerTool, level: float) -> list[Finding]:
     """States that do not have the tool's shape: by exchanged markers, by one wrong marker, or by several."""
     shape, bad = judged(tool, level)
+    wild = tool.stated and shape.unit > _WILD**2
     found: list[Finding] = []
     for s in np.flatnonzero(bad).tolist():
-        order = mended(tool, shape, s)
+        order = None if wild else mended(tool, shape, s)
         if order is not None:
             moved = np.flatnonzero(order != np.arange(len(order)))
             said = f"markers {_names(experiment, tool.marker[moved])} are exchanged: the distances are right then"
