@@ -113,7 +113,6 @@ def joint(match: re.Match[str]) -> str:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A robot, a campaign, a plan, readings and targets, all with markup for names."""
     folder = tmp_path_factory.mktemp("evil") / IN_NAME.replace("/", "").replace("\n", "")
-    (tmp_path_factory.getbasetemp() / "evil-robots").symlink_to(folder)  # a search path has no colons
     source = find_robot("fanuc_m900ib").parent
     shutil.copytree(source, folder / "robot")
     urdf = folder / "robot" / "m900ib.urdf.xacro"
@@ -159,13 +158,14 @@ def states(folder: Path) -> Path:
 def pages(folder: Path, states: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """The report of every command, and every kind of scene."""
     out: dict[str, str] = {}
-    robots = str(tmp_path_factory.getbasetemp() / "evil-robots")
+    robots = tmp_path_factory.mktemp("robots") / "linked"  # a search path has no colons
+    robots.symlink_to(folder)
     here = {name: str(folder / f"{name}.csv") for name in ("plan", "readings", "targets", "corrected", "sheet")}
     experiment, fit, robot = str(folder / "experiment.yaml"), str(folder / "fit.json"), str(folder / "robot")
 
     def run(name: str, *arguments: str, option: str = "--report") -> None:
         path = folder / f"{name}.html"
-        result = CliRunner().invoke(app, [*arguments, option, str(path)], env={"QSF_ROBOTS": robots})
+        result = CliRunner().invoke(app, [*arguments, option, str(path)], env={"QSF_ROBOTS": str(robots)})
         assert result.exit_code == 0, (name, result.output[-2000:], result.exception)
         out[name] = path.read_text()
 
