@@ -87,15 +87,13 @@ class CampaignSpec(FileModel):
     loads: list[LoadCaseSpec] = pydantic.Field(min_length=1)
 
 
-class WorkSpec(FileModel):
-    """What of a task.yaml `qsf design --for` asks for: the path, where no force needs to act."""
+class PathSpec(FileModel):
+    """What a task.yaml says of the path."""
 
     title: str
     tool: Annotated[float, Unit("m")] = pydantic.Field(ge=0)
     approach: list[float]
     path: list[PointSpec] = pydantic.Field(min_length=1)
-    map: MapSpec | None = None
-    campaign: CampaignSpec | None = None
     floor: Annotated[float | None, Unit("m")] = None
 
     @pydantic.field_validator("approach")
@@ -106,11 +104,18 @@ class WorkSpec(FileModel):
         return value
 
 
-class TaskSpec(WorkSpec):
+class WorkSpec(PathSpec):
+    """task.yaml of which the path alone is asked for: no force needs to act."""
+
+    map: MapSpec | None = None
+    campaign: CampaignSpec | None = None
+
+
+class TaskSpec(PathSpec):
     """task.yaml of a comparison."""
 
-    map: MapSpec  # pyright: ignore[reportIncompatibleVariableOverride, reportGeneralTypeIssues]
-    campaign: CampaignSpec  # pyright: ignore[reportIncompatibleVariableOverride, reportGeneralTypeIssues]
+    map: MapSpec
+    campaign: CampaignSpec
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

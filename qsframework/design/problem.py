@@ -413,8 +413,10 @@ def taken_information(experiment: Experiment, taken: Plan | Readings, names: Seq
         rows = sample_rows(experiment, taken.poses, names, samples)
         weights = np.array(taken.repeats, dtype=float)
         return gathered_information(as_rows(rows), np.arange(len(rows)), weights)
-    columns = plan_columns if isinstance(taken, Plan) else readings_columns
-    each = [columns(experiment, taken, names, x) for x in samples]  # pyright: ignore[reportArgumentType]
+    if isinstance(taken, Plan):
+        each = [plan_columns(experiment, taken, names, x) for x in samples]
+    else:
+        each = [readings_columns(experiment, taken, names, x) for x in samples]
     return np.stack([A.T @ A for A in each])
 
 
