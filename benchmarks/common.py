@@ -6,8 +6,11 @@ script that stops half-way leaves the page as it was.
 
 from __future__ import annotations
 
+import csv
+import io
 import os
 import platform
+import re
 import resource
 import statistics
 import subprocess
@@ -24,6 +27,7 @@ from qsframework.files import write_text
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
 PAGE = ROOT / "docs" / "performance.md"
+RECORDS = ROOT / "docs" / "records"
 RUNS = 5
 THREADS = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
@@ -121,6 +125,42 @@ def replace_between(page: Path, start: str, end: str, text: str) -> None:
         raise SystemExit(f"{page} must hold {start} and {end} once each")
     before, after = old.partition(start)[0], old.partition(end)[2]
     write_text(page, f"{before}{start}\n{text}\n{end}{after}")
+
+
+def shelved(text: str, name: str) -> str:
+    """A record with its tables as files docs/records/NAME*.csv beside the page: here stay the words, the rows that have
+    a goal, and links to the files."""
+    title, links, kept = "", list[str](), list[str]()
+    for block in text.split("\n\n"):
+        lines = block.splitlines()
+        if lines and lines[0].startswith("#"):
+            title = lines[0].lstrip("# ")
+        elif lines and lines[0].startswith("|"):
+            rows = [line[2:-2].split(" | ") for line in lines if not line.startswith("|---")]
+            if "goal" in rows[0]:
+                kept.append(_of_goals(rows))
+            links.append(f"[{title or 'all'}, by {rows[0][0]}]({_shelf(rows, name, title)})")
+        else:
+            kept.append(block)
+    return "\n\n".join([*kept, f"Raw tables: {'; '.join(links)}."])
+
+
+def _of_goals(rows: Sequence[Sequence[str]]) -> str:
+    """The rows that have a goal, without how many cases they count."""
+    shown = [k for k, name in enumerate(rows[0]) if name != "cases"]
+    goal = rows[0].index("goal")
+    return table([rows[0][k] for k in shown], ([row[k] for k in shown] for row in rows[1:] if row[goal] != "-"))
+
+
+def _shelf(rows: Sequence[Sequence[str]], name: str, title: str) -> str:
+    """Write one table; its address, as docs/*.md link to it."""
+    words = re.findall(r"[a-z0-9]+", f"{name} {title.partition(':')[0]} by {rows[0][0]}".lower())
+    file = RECORDS / f"{'-'.join(words)}.csv"
+    file.parent.mkdir(exist_ok=True)
+    out = io.StringIO()
+    csv.writer(out, lineterminator="\n").writerows(rows)
+    write_text(file, out.getvalue())
+    return f"{RECORDS.name}/{file.name}"
 
 
 def write_section(name: str, text: str, command: str, runs: int | None = RUNS) -> None:

@@ -30,7 +30,7 @@ from typing import Any
 import hidden
 import numpy as np
 import second_generator as second
-from common import cores, replace_between, table
+from common import cores, replace_between, shelved, table
 from hidden import CONVENTIONS, ROBOTS, STRESSES, UNKNOWN, Case, Setting, Truth
 from threadpoolctl import threadpool_limits
 
@@ -684,10 +684,11 @@ def report(results: Sequence[Result]) -> str:
 
 
 def write_page(text: str, command: str, results: Sequence[Result], mark: str) -> None:
-    """Put the tables between their marks of docs/diagnosis.md."""
+    """Put the results between their marks of docs/diagnosis.md, and the raw tables beside the page."""
     versions = ", ".join(sorted({r["code"] for r in results}))
     when = f"{command}; {date.today().isoformat()}; {cores()}; code {versions} (a hash of the sources)."
-    replace_between(PAGE, f"<!-- {mark} -->", f"<!-- end of {mark} -->", f"{when}\n\n{text}")
+    record = f"{when}\n\n{shelved(text, f'diagnosis {mark}')}"
+    replace_between(PAGE, f"<!-- {mark} -->", f"<!-- end of {mark} -->", record)
 
 
 def main() -> None:

@@ -35,7 +35,7 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[name] = "1"
 import command_lines  # noqa: E402
 import fuzzing  # noqa: E402
-from common import replace_between  # noqa: E402
+from common import replace_between, shelved  # noqa: E402
 
 FILES = {
     "robot.yaml": 6000,
@@ -255,7 +255,7 @@ def main() -> int:
             text = record(tallies)
             print(text)
             if options.share == 1.0:
-                replace_between(PAGE, *marks, f"\n{text}\n")
+                replace_between(PAGE, *marks, f"\n{shelved(text, f'robustness {kind}')}\n")
             faults += sum(len(t.faults) for t in tallies.values())
     return 1 if faults else 0
 

@@ -29,7 +29,7 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[name] = "1"
 import command_lines  # noqa: E402
 import killed  # noqa: E402
-from common import replace_between  # noqa: E402
+from common import replace_between, shelved  # noqa: E402
 from fuzz import PAGE, head, processor  # noqa: E402
 
 STATE = ROOT / "build" / "kills.jsonl"
@@ -143,7 +143,7 @@ def main() -> int:
     text = "\n".join(record(found))
     print(text)
     if options.kills == KILLS:
-        replace_between(PAGE, START, STOP, f"\n{text}\n")
+        replace_between(PAGE, START, STOP, f"\n{shelved(text, 'robustness kills')}\n")
     return 1 if any(r["faults"] for r in found) else 0
 
 

@@ -22,7 +22,7 @@ sys.path.insert(0, str(ROOT / "tests" / "robustness"))
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[name] = "1"
 import command_lines  # noqa: E402
-from common import replace_between  # noqa: E402
+from common import replace_between, shelved  # noqa: E402
 from fuzz import PAGE, head, processor  # noqa: E402
 
 START, STOP = "<!-- record of benchmarks/sizes.py -->", "<!-- end of the record of sizes -->"
@@ -88,7 +88,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--look", action="store_true", help="print the record, and leave the page")
     options = parser.parse_args()
-    lines = ["| file | command | s of CPU | MB | exit code | |", "|---|---|---:|---:|---:|---|"]
+    lines = ["| file | command | s of CPU | MB | exit code | said |", "|---|---|---:|---:|---:|---|"]
     worst = 0
     with tempfile.TemporaryDirectory() as folder:
         place = command_lines.prepared(Path(folder))
@@ -101,7 +101,8 @@ def main() -> int:
             print(lines[-1], flush=True)
     made = f"`python benchmarks/sizes.py`, {date.today()}, commit {head()}; {processor()}."
     if not options.look:
-        replace_between(PAGE, START, STOP, "\n" + "\n".join([made, "", *lines]) + "\n")
+        text = shelved("\n".join([made, "", *lines]), "robustness sizes")
+        replace_between(PAGE, START, STOP, f"\n{text}\n")
     return worst
 
 

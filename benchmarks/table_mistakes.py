@@ -24,7 +24,7 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from common import machine, replace_between, table
+from common import machine, replace_between, shelved, table
 from independent import NOISES, Campaign, Setting, Unreachable, noisy, random_poses, visits_of, write_campaign
 from independent_arm import ARMS, Arm, Array, Hidden, NoRest, Visits, turn
 from independent_effects import SHOWN, campaign_for, hide
@@ -688,7 +688,8 @@ def main() -> None:
             f"`python benchmarks/table_mistakes.py --seeds {given.seeds} --clean {given.clean} --whole {given.whole}`"
         )
         head = f"{when}; {date.today().isoformat()}; {machine()}."
-        replace_between(PAGE, "<!-- table mistakes -->", "<!-- end of table mistakes -->", f"{head}\n\n{text}")
+        record = f"{head}\n\n{shelved(text, 'diagnosis mistakes')}"
+        replace_between(PAGE, "<!-- table mistakes -->", "<!-- end of table mistakes -->", record)
 
 
 if __name__ == "__main__":
