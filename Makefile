@@ -9,6 +9,8 @@ PYTHON ?= $(shell command -v python3.11 || echo python3)
 VENV := .venv
 BIN := $(VENV)/bin
 DONE := $(VENV)/installed
+TESTED := $(VENV)/test-installed
+DOCUMENTED := $(VENV)/docs-installed
 BENCHED := $(VENV)/bench-installed
 AUDITED := $(VENV)/audit-installed
 BENCHMARKS := startup kinematics design scaling identify
@@ -26,15 +28,16 @@ ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 PYTHOND
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-9s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
-install: $(DONE)  ## make the environment in .venv from requirements.lock
+install: $(TESTED) $(DOCUMENTED)  ## make the environment in .venv from requirements.lock, with all that tests and pages need
 
 # The stamp is written last and removed first: after an interrupted install the environment is made anew.
 $(DONE): pyproject.toml requirements.lock
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed: make PYTHON=/path/to/python3.11")'
 	@if [ -f $@ ]; then rm $@; else rm -rf $(VENV); $(PYTHON) -m venv $(VENV); fi
-	@echo "Installing into $(VENV): one to three minutes and 1.5 GB, once"
-	@PYTHONUNBUFFERED=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_CONSTRAINT=requirements.lock \
-		$(BIN)/python -m pip install --progress-bar off -e '.[test,docs]' | $(DOTS)
+	@echo "Installing into $(VENV), once"; start=$$(date +%s); \
+		PYTHONUNBUFFERED=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_CONSTRAINT=requirements.lock \
+		$(BIN)/python -m pip install --progress-bar off -e . | $(DOTS); \
+		echo "Installed in $$(($$(date +%s) - start)) s: $$(du -sm $(VENV) | cut -f1) MB in $(VENV)"
 	@touch $@
 
 demo: $(DONE)  ## run the main job: calibrate on real readings, design a plan, write a report
@@ -42,7 +45,7 @@ demo: $(DONE)  ## run the main job: calibrate on real readings, design a plan, w
 
 # pyright asks the environment's own interpreter where to look: pinocchio lies in a folder that only it knows of. It
 # works on one core for half a minute, beside the tests; what it says stands among their dots as soon as it is known.
-test: $(DONE)  ## lint, format, types and all tests
+test: $(TESTED) $(DOCUMENTED)  ## lint, format, types and all tests
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check --quiet . || { echo "formatting differs: run $(BIN)/ruff format"; exit 1; }
 	@PYRIGHT_PYTHON_IGNORE_WARNINGS=1 $(BIN)/pyright --pythonpath $(BIN)/python & types=$$!; failed=0; \
@@ -52,25 +55,26 @@ test: $(DONE)  ## lint, format, types and all tests
 size:  ## lines of code, tokens, files and mean line of the library, plugins, templates and tests
 	@$(PYTHON) tests/size_table.py
 
-golden: $(DONE)  ## 190 command lines held to what is recorded of them, every number and word: two minutes
+golden: $(TESTED) $(DOCUMENTED)  ## 190 command lines held to what is recorded of them, every number and word: two minutes
 	@$(ONE_THREAD) $(BIN)/python tests/golden/golden.py
 
-coverage: $(DONE)  ## branch coverage of the library, package by package; 95 % of the five that compute
+coverage: $(TESTED) $(DOCUMENTED)  ## branch coverage of the library, package by package; 95 % of the five that compute
 	@mkdir -p build
 	@COVERAGE_FILE=build/coverage $(ONE_THREAD) $(BIN)/python -m pytest $(TWO) -q --cov --cov-report=json:build/coverage.json
 	@$(BIN)/python tests/coverage_table.py build/coverage.json
 
-docs: $(DONE)  ## build the site into build/site, with no warning
+docs: $(DOCUMENTED)  ## build the site into build/site, with no warning
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 	@echo "build/site/index.html"
 
-pictures: $(DONE)  ## remake the pages' pictures; the terminal at 80 and 120 columns into build/pictures
+pictures: $(DOCUMENTED)  ## remake the pages' pictures; the terminal at 80 and 120 columns into build/pictures
 	@$(BIN)/python docs/make_pictures.py
 
 bench: $(BENCHED)  ## measure against Pinocchio, cvxpy, FIGAROH and the memory: docs/performance.md, half an hour
 	@for script in $(BENCHMARKS); do echo "benchmarks/$$script.py"; $(BIN)/python benchmarks/$$script.py --write; done
 
-$(BENCHED) $(AUDITED): $(VENV)/%-installed: $(DONE)
+$(TESTED) $(DOCUMENTED) $(BENCHED) $(AUDITED): $(VENV)/%-installed: $(DONE)
+	@echo "Installing what 'make $*' needs into $(VENV), once"
 	@PYTHONUNBUFFERED=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_CONSTRAINT=requirements.lock \
 		$(BIN)/python -m pip install --progress-bar off -e '.[$*]' | $(DOTS)
 	@touch $@
@@ -91,7 +95,7 @@ audit: $(BENCHED) $(AUDITED)  ## hold the lock against known vulnerabilities; wh
 	@$(BIN)/pip-audit --strict --no-deps --disable-pip -r requirements.lock \
 		|| { echo "Newer than what is locked:"; $(BIN)/python -m pip list --outdated --exclude pip --quiet; exit 1; }
 
-licences: $(BENCHED) $(AUDITED)  ## write docs/licences.md from what is locked
+licences: $(BENCHED) $(AUDITED)  ## write LICENCES.md from what is locked
 	@$(BIN)/python docs/make_licences.py
 
 # Without pip: what is listed is what a user gets, and nothing that installed it.

@@ -1,4 +1,4 @@
-"""Write docs/licences.md, what every package in requirements.lock is licensed under: `make licences`
+"""Write LICENCES.md, what every package in requirements.lock is licensed under: `make licences`
 
 It reads what the installed packages state, so all extras have to be installed; what no package states stands here.
 """
@@ -13,7 +13,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 DOCS = Path(__file__).parent
-PAGE = DOCS / "licences.md"
+PAGE = DOCS.parent / "LICENCES.md"
 LOCK = DOCS.parent / "requirements.lock"
 FOR_USERS = ("", "cluster", "day", "excel")
 """The extras that a user installs; the others are for work on qsframework itself."""

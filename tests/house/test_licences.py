@@ -1,4 +1,4 @@
-"""docs/licences.md speaks of what is locked; SECURITY.md and the page of what is made from it."""
+"""LICENCES.md speaks of what is locked; SECURITY.md and the page of what is made from it."""
 
 from __future__ import annotations
 
