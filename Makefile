@@ -41,7 +41,7 @@ $(DONE): pyproject.toml requirements.lock
 	@touch $@
 
 demo: $(DONE)  ## run the main job: calibrate on real readings, design a plan, write a report
-	@$(BIN)/qsf demo
+	@start=$$(date +%s); $(BIN)/qsf demo; echo "qsf demo took $$(($$(date +%s) - start)) s"
 
 # pyright asks the environment's own interpreter where to look: pinocchio lies in a folder that only it knows of. It
 # works on one core for half a minute, beside the tests; what it says stands among their dots as soon as it is known.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import ParamSpec, TypedDict, TypeVar
@@ -15,6 +16,7 @@ __all__ = [
     "PluginError",
     "Problem",
     "QsfError",
+    "missing_extra",
 ]
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -109,6 +111,12 @@ class NotCertified(QsfError):
 
 class NotConverged(QsfError):
     """An iteration that did not reach its tolerance; its last value is not a result."""
+
+
+def missing_extra(what: str, extra: str) -> InputError:
+    """The error where a package of an extra is not installed, with the command that installs it, from a clone too."""
+    hint = f"In the folder of qsframework: {sys.executable} -m pip install '.[{extra}]'"
+    return InputError(Problem(what, hint=hint))
 
 
 class PluginError(QsfError):

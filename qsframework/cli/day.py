@@ -18,7 +18,7 @@ from qsframework.applications.day.record import Slot
 from qsframework.applications.protocol import ProtocolWish
 from qsframework.cli.export import plan_of
 from qsframework.cli.printing import print_folded
-from qsframework.errors import InputError, QsfError
+from qsframework.errors import InputError, QsfError, missing_extra
 from qsframework.experiment import Experiment, Readings, load_experiment, read_readings
 from qsframework.files import sha256
 
@@ -77,7 +77,7 @@ def _serve(day: Day, files: DayFiles, port: int) -> None:
 
         from qsframework.report.day_server import DayPage
     except ImportError as error:
-        raise InputError(f"the page of the day needs {error.name}: pip install 'qsframework[day]'") from error
+        raise missing_extra(f"the page of the day needs {error.name}", "day") from error
     import socket
 
     from qsframework.viz.server import HOST, taking

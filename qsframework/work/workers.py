@@ -16,7 +16,7 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import partial
 from typing import Any
 
-from qsframework.errors import InputError, QsfError
+from qsframework.errors import InputError, QsfError, missing_extra
 from qsframework.work.carry import Packed, at_worker, pack
 from qsframework.work.run import WorkerLost
 from qsframework.work.versions import versions
@@ -199,7 +199,7 @@ def _client(address: str) -> Any:
     try:
         import distributed
     except ImportError as error:
-        raise InputError("Dask needs the package distributed: pip install 'qsframework[cluster]'") from error
+        raise missing_extra("Dask needs the package distributed", "cluster") from error
     for name in (*logging.root.manager.loggerDict, "concurrent"):  # what is lost is said by us
         if name.split(".")[0] in ("distributed", "tornado", "asyncio", "concurrent"):
             logging.getLogger(name).setLevel(logging.CRITICAL + 1)

@@ -91,4 +91,4 @@ def test_the_wheel_runs_the_demo_in_an_environment_that_holds_what_it_needs(whee
     assert run.returncode == 0, run.stderr
     assert "0.234" in run.stdout
     assert (tmp_path / "out" / "report.html").is_file()
-    assert run.stdout.splitlines()[-1] == "report: out/report.html"
+    assert run.stdout.splitlines()[-1] == "open: out/report.html (one file, no network needed)"

@@ -16,7 +16,7 @@ from typing import Any, cast
 from qsframework.applications.importers.layout import Layout, SheetRow, is_axis_line, is_data, lay_out
 from qsframework.applications.importers.records import records
 from qsframework.applications.programmes.log import joint_log
-from qsframework.errors import InputError, Problem, nearest
+from qsframework.errors import InputError, Problem, missing_extra, nearest
 from qsframework.experiment.columns import LARGEST, MOST_COLUMNS, MOST_LINES, unquoted
 from qsframework.files.documents import nearest_file
 
@@ -280,8 +280,7 @@ def _sheets(path: Path) -> dict[str, list[SheetRow]]:
     try:
         import openpyxl
     except ImportError as error:
-        hint = "Install qsframework[excel], or export the points as CSV."
-        raise InputError(Problem("reading Excel workbooks needs openpyxl", str(path), hint=hint)) from error
+        raise missing_extra(f"{path}: reading Excel workbooks needs openpyxl", "excel") from error
     _check_archive(path)
     try:
         book = cast("Any", openpyxl).load_workbook(path, read_only=True, data_only=True)
