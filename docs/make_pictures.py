@@ -6,6 +6,7 @@ Run: make pictures
 
 from __future__ import annotations
 
+import csv
 import html
 import os
 import subprocess
@@ -13,8 +14,11 @@ import sys
 import tempfile
 from pathlib import Path
 
+import numpy as np
 from every_report import COMMANDS, make_reports
 
+from qsframework.experiment import load_experiment, read_readings
+from qsframework.identify import identify
 from qsframework.report.printed import write_page
 from qsframework.robot import load_robot
 
@@ -155,6 +159,51 @@ def terminal(pictures: Path, columns: int) -> None:
         screenshot(page, pictures / f"terminal_{columns}.png", f"{9 * columns + 40},{18 * len(lines) + 60}")
 
 
+PANEL = """<div><h2>{title}</h2><svg viewBox="-60 -20 460 400" width="460" height="400">{drawn}
+<text x="170" y="375">{below}</text><text transform="rotate(-90)" x="-170" y="-42">{left}</text></svg></div>"""
+OVERVIEW = """<!DOCTYPE html><meta charset="utf-8"><style>body {{ display: flex; gap: 16px; margin: 12px;
+background: #fff; font: 15px sans-serif }}
+h2 {{ font-size: 18px; margin: 0 0 6px }} text {{ font-size: 14px; text-anchor: middle }}
+div {{ flex: none }}</style><div><h2>1. Plan: where to measure</h2><img src="{scene}" width="500"></div>{panels}"""
+
+
+def overview(folder: Path, images: Path) -> None:
+    """The README's picture: a plan in 3D, measured against predicted displacements, targets before and after."""
+    experiment = load_experiment(HERE.parent / "examples" / "r2000ic" / "experiment.yaml")
+    readings = read_readings(experiment.data, experiment)
+    measured = 1e3 * readings.value.ravel()
+    predicted = measured - 1e3 * identify(experiment, readings).residuals.ravel()
+    low, high = (float(f([measured, predicted])) for f in (np.min, np.max))
+    x, y = (340 * (v - low) / (high - low) for v in (measured, predicted))
+    drawn = '<path d="M0 340L340 0" stroke="#999"/><path d="M0 0V340H340" fill="none" stroke="#333"/>' + "".join(
+        f'<circle cx="{a:.1f}" cy="{340 - b:.1f}" r="3.5" fill="#0a6c74" fill-opacity="0.6"/>'
+        for a, b in zip(x, y, strict=True)
+    )
+    drawn += "".join(f'<text x="{at}" y="357">{v:.1f}</text>' for at, v in ((8, low), (332, high)))
+    fitted = PANEL.format(
+        title="2. Fit: 43 real cable pulls, R-2000iC", drawn=drawn, below="measured, mm", left="predicted, mm"
+    )
+    with (folder / "corrected.csv").open() as lines:
+        rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
+    bars = '<path d="M0 0V340H340" fill="none" stroke="#333"/>'
+    for k, row in enumerate(rows):
+        before, after = (float(row[name]) for name in ("uncorrected_mm", "expected_error_mm"))
+        for at, mm, colour in ((0, before, "#b4502c"), (45, after, "#0a6c74")):
+            left, top = 20 + 110 * k + at, 340 - 95 * mm
+            bars += f'<path d="M{left} 340V{top:.1f}h40V340z" fill="{colour}"/><text x="{left + 20}" y="{top - 5:.1f}">'
+            bars += f"{mm:.3g}</text>"
+        bars += f'<text x="{60 + 110 * k}" y="357">{row["target"]}</text>'
+    corrected = PANEL.format(
+        title="3. Use: targets before and after (simulated)",
+        drawn=bars,
+        below="predicted for M-900iB/700, 4 kN",
+        left="mm",
+    )
+    page = folder / "overview.html"
+    page.write_text(OVERVIEW.format(scene=(images / "show.png").as_uri(), panels=fitted + corrected))
+    screenshot(page, images / "overview.png", "1500,470")
+
+
 def every_page(pictures: Path) -> None:
     """Every report as a wide and a narrow window show it, and as it is printed."""
     with tempfile.TemporaryDirectory() as name:
@@ -183,6 +232,12 @@ def main(images: Path = HERE / "images") -> None:
         qsf("protocol", str(EXPERIMENT), plan, "-o", str(sheet), "--readings", str(folder / "readings.csv"))
         screenshot(folder / "plan.html", images / "report.png", "1060,1960")
         screenshot(folder / "show.html", images / "show.png", "1000,680", "#5")
+        readings, fit = str(folder / "readings.csv"), str(folder / "fit.json")
+        qsf("simulate", str(EXPERIMENT), plan, "--truth", "drawn", "--seed", "1", "-o", readings)
+        qsf("identify", str(EXPERIMENT), readings, "--json", fit)
+        targets = str(EXPERIMENT.parent / "targets.csv")
+        qsf("compensate", str(EXPERIMENT), fit, targets, "-o", str(folder / "corrected.csv"))
+        overview(folder, images)
         cell = str(EXPERIMENT.parents[1] / "r2000ic" / "in_cell.yaml")
         qsf("design", cell, "-n", "8", "--candidates", "300", "--output", plan)
         qsf("show", cell, plan, "--html", str(folder / "cell.html"))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,15 @@ ROOT = Path(__file__).resolve().parents[1]
 SCENE = "scene.html"
 _MATH = re.compile(r"^```math\n(.*?)\n```$", re.M | re.S)
 _TAG = re.compile(r"\s*\\tag\{(.*?)\}")
+
+
+def on_config(config: Any) -> Any:
+    """The version in the footer, and the link to the repository that this clone came from."""
+    config.copyright = f"qsframework {version('qsframework')}"
+    asked = ["git", "-C", str(ROOT), "config", "--get", "remote.origin.url"]
+    origin = subprocess.run(asked, capture_output=True, text=True).stdout.strip()
+    config.repo_url = origin if origin.startswith("https://") else ""
+    return config
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
