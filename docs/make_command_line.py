@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -15,26 +16,43 @@ column; another number where the work itself failed, with its reason.
 """
 
 
+SHARED = 3
+"""From so many commands on, an option with the same words stands once, at the top."""
+
+
 def page() -> str:
-    """The page, one section per command."""
+    """The page: what many commands share, then one section per command."""
     from qsframework.cli.main import app
 
     group: Any = typer.main.get_command(app)
-    return HEAD + "".join(_section(name, command) for name, command in group.commands.items())
+    counts = Counter(_row(p) for command in group.commands.values() for p in _options(command))
+    shared = [row for row, count in counts.items() if count >= SHARED]
+    head = HEAD + f"\n## Options of many commands\n\n{_table(shared)}"
+    return head + "".join(_section(name, command, shared) for name, command in group.commands.items())
 
 
-def _section(name: str, command: Any) -> str:
+def _options(command: Any) -> list[Any]:
+    return [p for p in command.params if p.param_type_name != "argument" and p.name != "help" and not p.hidden]
+
+
+def _row(option: Any) -> tuple[str, str]:
+    return ", ".join(f"`{o}`" for o in (*option.opts, *option.secondary_opts)), _words(option)
+
+
+def _table(rows: list[tuple[str, str]]) -> str:
+    return "".join(["| option | meaning |\n|---|---|\n", *(f"| {left} | {right} |\n" for left, right in rows)])
+
+
+def _section(name: str, command: Any, shared: list[tuple[str, str]]) -> str:
     asked = [p for p in command.params if p.param_type_name == "argument"]
-    usage = " ".join(["qsf", name, *(_argument(p) for p in asked), "[OPTIONS]"])
-    rows = [(f"`{_argument(p)}`", _words(p)) for p in asked]
-    rows += [
-        (", ".join(f"`{o}`" for o in (*p.opts, *p.secondary_opts)), _words(p))
-        for p in command.params
-        if p not in asked and p.name != "help" and not p.hidden
-    ]
-    table = "".join(f"| {left} | {right} |\n" for left, right in rows)
+    usage = " ".join(["qsf", name, *(_argument(p) for p in asked)])
+    rows = [_row(p) for p in _options(command)]
+    own = [*((f"`{_argument(p)}`", _words(p)) for p in asked), *(row for row in rows if row not in shared)]
+    table = f"\n{_table(own)}" if own else ""
+    also = ", ".join(left for left, right in rows if (left, right) in shared)
+    more = f"\nAlso {also}.\n" if also else ""
     doc = " ".join((command.help or "").split())
-    return f"\n## `qsf {name}`\n\n{_escaped(doc)}\n\n```\n{usage}\n```\n\n| | |\n|---|---|\n{table}"
+    return f"\n## `qsf {name}`\n\n{_escaped(doc)}\n\n```\n{usage}\n```\n{table}{more}"
 
 
 def _argument(parameter: Any) -> str:

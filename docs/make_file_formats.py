@@ -7,6 +7,7 @@ or a meaning without a key, is an error.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +61,19 @@ MODELS: dict[str, type[FileModel | FileRecord]] = {
 }
 NAMED = {Estimate: "name", Frame: "series", LeftAside: "name", Held: "name", Interval: "name"}
 """Records that stand in their file under this field of theirs, which is no key in it."""
+
+
+EXAMPLES = {
+    "robot.yaml": ("robots/kuka_kr270/robot.yaml", 12),
+    "experiment.yaml": ("examples/m900ib/experiment.yaml", 12),
+    "plan.csv": ("examples/m900ib/table5.csv", 2),
+    "readings.csv": ("examples/r2000ic/readings.csv", 2),
+    "readings.csv of states": ("examples/ur10/series_d.csv", 2),
+    "targets.csv": ("examples/m900ib/targets.csv", 2),
+}
+"""What each section begins with: so many lines of a shipped file."""
+UNITS = 2
+"""So many spellings of a key are shown: the usual units."""
 
 
 def tables() -> dict[str, list[Column]]:
@@ -121,20 +135,28 @@ def page() -> str:
     said, keys = meanings()
     out, used = [said["top"]], set[tuple[str, str]]()
     for title, found in rows().items():
-        out.append(f"\n## {title}\n\n{said[title]}\n| key | required | meaning |\n|---|---|---|\n")
-        for name, spelled, required in found:
-            used.add((title, name))
-            shown = ", ".join(f"`{s}`" for s in spelled.split(", "))
-            out.append(f"| {shown} | {'yes' if required else ''} | {keys[title, name]} |\n")
+        shown = f"```\n{_lines(*EXAMPLES[title])}```\n\n" if title in EXAMPLES else ""
+        out.append(f"\n## {title}\n\n{shown}{said[title]}\n| key | meaning |\n|---|---|\n")
+        used |= {(title, name) for name, _, _ in found}
+        meant = [(keys[title, name], required, spelled.split(", ")[:UNITS]) for name, spelled, required in found]
+        for (words, required), alike in groupby(meant, lambda row: row[:2]):
+            spelled = ", ".join(f"`{s}`" for row in alike for s in row[2])
+            out.append(f"| {spelled} | {'**required**: ' if required else ''}{words} |\n")
     for title in (t for t in said if t not in rows() and t != "top"):
         out.append(f"\n## {title}\n\n{said[title]}\n| key | meaning |\n|---|---|\n")
-        for (owner, name), words in keys.items():
-            if owner == title:
-                used.add((owner, name))
-                out.append(f"| `{name}` | {words} |\n")
+        named = [(words, name) for (owner, name), words in keys.items() if owner == title]
+        used |= {(title, name) for _, name in named}
+        for words, alike in groupby(named, lambda row: row[0]):
+            out.append(f"| {', '.join(f'`{name}`' for _, name in alike)} | {words} |\n")
     if unknown := sorted(set(keys) - used):
         raise KeyError(f"no such key: {unknown}")
     return "".join(out)
+
+
+def _lines(file: str, count: int) -> str:
+    """The first lines of a shipped file, without its remarks."""
+    lines = (DOCS.parent / file).read_text().splitlines(keepends=True)
+    return "".join([line for line in lines if not line.startswith("#")][:count])
 
 
 def keys_of(title: str) -> list[str]:
