@@ -16,7 +16,6 @@ __all__ = [
     "PluginError",
     "Problem",
     "QsfError",
-    "missing_extra",
 ]
 _P = ParamSpec("_P")
 _R = TypeVar("_R")

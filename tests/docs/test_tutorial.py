@@ -37,6 +37,10 @@ def test_every_command_runs(root: Path, tmp_path: Path, monkeypatch: pytest.Monk
         "certificate",
         "stiffness",
         "compensate",
+        "import",
+        "diagnose",
+        "identify",
+        "certificate",
     ]
     printed = ""
     for command in commands:
