@@ -58,7 +58,7 @@ def axes_remark(names: Sequence[str], letter: str) -> str:
 
 
 def plain(name: str) -> str:
-    """A load's name as a remark of a controller's file holds it."""
+    """The name of a load or a station as a remark of a controller's file holds it."""
     return re.sub(r"[^A-Za-z0-9_.+-]", "_", name)
 
 
@@ -67,14 +67,21 @@ def payload_text(payload: float | None) -> str:
     return "payload not stated" if payload is None else f"payload {payload:g} kg"
 
 
-def stopped(load: str, pause: float | None, sign: str, wait: str, halt: str) -> list[str]:
+def weight_remarks(loaded: bool, told: str) -> list[str]:
+    """What a file says first where weights are hung. told: what the controller is to be told of them"""
+    return [told, "no weight while the arm moves"] if loaded else []
+
+
+def stopped(load: str, station: str, pause: float | None, sign: str, wait: str, halt: str) -> list[str]:
     """What is done once the arm stands: a load is named where the programme waits for it, never before a move.
 
-    load: its name as the format holds it; sign: of a remark; wait, halt: how it waits for a time, or to be started
+    load, station: their names as the format holds them; sign: of a remark; wait, halt: how it waits for a time, or to
+    be started
     """
+    tracker = [f"{sign}tracker at {station}"] if station else []
     if pause is not None:
-        return [*([f"{sign}load {load}"] if load else []), wait]
-    return [*([f"{sign}now hang {load}", f"{sign}take it off before the start"] if load else []), halt]
+        return [*tracker, *([f"{sign}load {load}"] if load else []), wait]
+    return [*tracker, *([f"{sign}now hang {load}", f"{sign}take it off before the start"] if load else []), halt]
 
 
 def bad_name(found: str, allowed: str) -> InputError:

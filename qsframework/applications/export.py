@@ -113,14 +113,17 @@ def write_csv(programme: Programme) -> str:
     stream = io.StringIO()
     payload = "not stated" if programme.payload is None else f"{programme.payload:g} kg"
     stream.write(f"# robot: {programme.robot}\n# payload: {payload}\n")
-    stream.write("# load: hang it after the arm has stopped, take it off again before the arm starts\n")
+    if programme.loaded:
+        stream.write("# load: hang it after the arm has stopped, take it off again before the arm starts\n")
     writer = csv.writer(stream, lineterminator="\n")
     angles = programme.units.names()
-    writer.writerow(["stop", "pose", "visit", *angles, "speed_percent", "pause_s", "load", "fx_N", "fy_N", "fz_N"])
+    stands = any(move.station for move in programme.moves)
+    last = ["load", "fx_N", "fy_N", "fz_N", *(["tracker_moves_to"] if stands else [])]
+    writer.writerow(["stop", "pose", "visit", *angles, "speed_percent", "pause_s", *last])
     for i, move in enumerate(programme.moves, start=1):
         pause = "0" if not move.measured else "hold" if programme.pause is None else repr(programme.pause)
         degrees = [f"{v:.4f}" for v in programme.units.shown(move.pendant) + 0.0]
         force = [f"{f:g}" for f in move.force]
-        pose, load = quoted(move.pose), quoted(move.load)
-        writer.writerow([i, pose, move.repeat, *degrees, programme.speed, pause, load, *force])
+        pose, load, station = quoted(move.pose), quoted(move.load), [quoted(move.station)] if stands else []
+        writer.writerow([i, pose, move.repeat, *degrees, programme.speed, pause, load, *force, *station])
     return stream.getvalue()

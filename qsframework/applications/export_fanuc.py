@@ -9,12 +9,21 @@ import re
 
 import numpy as np
 
-from qsframework.applications.controller_names import axes_remark, axis_names, bad_name, payload_text, plain, stopped
+from qsframework.applications.controller_names import (
+    axes_remark,
+    axis_names,
+    bad_name,
+    payload_text,
+    plain,
+    stopped,
+    weight_remarks,
+)
 from qsframework.applications.programme import Move, Programme
 
 _REMARK = 32
 """Characters that a remark may have on the controller."""
 _LOAD_NAME = _REMARK - len("!now hang ")
+_STATION_NAME = _REMARK - len("!tracker at ")
 _MOST_JOINTS = 9
 _PER_LINE = 3
 
@@ -31,8 +40,8 @@ def write_fanuc(programme: Programme, name: str) -> str:
             lines.append(f"!{move.pose} visit {move.repeat}"[:_REMARK])
         lines.append(f"J P[{i}] {programme.speed}% FINE")
         if move.measured:
-            load, wait = plain(move.load)[:_LOAD_NAME], f"WAIT {programme.pause or 0:6.2f}(sec)"
-            lines += stopped(load, programme.pause, "!", wait, "PAUSE")
+            said = (plain(move.load)[:_LOAD_NAME], plain(move.station)[:_STATION_NAME])
+            lines += stopped(*said, programme.pause, "!", f"WAIT {programme.pause or 0:6.2f}(sec)", "PAUSE")
     numbered = [_line(k, text) for k, text in enumerate(lines, start=1)]
     where = f"UF : {programme.frame}, UT : {programme.tool}"
     positions = [_position(i, m, names, where) for i, m in enumerate(programme.moves, start=1)]
@@ -58,7 +67,8 @@ def write_fanuc(programme: Programme, name: str) -> str:
 
 def _head(programme: Programme, names: tuple[str, ...]) -> list[str]:
     payload = payload_text(programme.payload)
-    remarks = [f"robot {programme.robot}", payload, "set PAYLOAD of tool and weight", "no weight while the arm moves"]
+    remarks = [f"robot {programme.robot}", payload]
+    remarks += weight_remarks(programme.loaded, "set PAYLOAD of tool and weight")
     if len(remarks[0]) >= _REMARK:
         raise bad_name(programme.robot, f"a robot's name of up to {_REMARK - 7} characters, for a remark holds no more")
     remarks += [remark] if (remark := axes_remark(names, "J")) else []

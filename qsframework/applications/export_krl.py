@@ -6,7 +6,15 @@ import re
 
 import numpy as np
 
-from qsframework.applications.controller_names import MOST, arm_axes, bad_name, payload_text, plain, stopped
+from qsframework.applications.controller_names import (
+    MOST,
+    arm_axes,
+    bad_name,
+    payload_text,
+    plain,
+    stopped,
+    weight_remarks,
+)
 from qsframework.applications.programme import Programme
 
 
@@ -22,8 +30,10 @@ def write_krl(programme: Programme, name: str) -> tuple[str, str]:
         f";robot {programme.robot}",
         f";{payload_text(programme.payload)}",
         *(f";{remark}" for remark in remarks),
-        ";set the load data of tool and weight before the start",
-        ";no weight while the arm moves",
+        *(
+            f";{remark}"
+            for remark in weight_remarks(programme.loaded, "set the load data of tool and weight before the start")
+        ),
         "DECL INT K",
         "BAS(#INITMOV,0)",
         f"BAS(#TOOL,{programme.tool})",
@@ -40,7 +50,8 @@ def write_krl(programme: Programme, name: str) -> tuple[str, str]:
             src.append(f";pose {move.pose} visit {move.repeat}")
         src.append(f"PTP XP{i}")
         if move.measured:
-            src += stopped(plain(move.load), programme.pause, ";", f"WAIT SEC {programme.pause or 0:.2f}", "HALT")
+            wait = f"WAIT SEC {programme.pause or 0:.2f}"
+            src += stopped(plain(move.load), plain(move.station), programme.pause, ";", wait, "HALT")
         degrees = dict(zip(names, np.rad2deg(move.pendant) + 0.0, strict=True))
         axes = [f"{a} {degrees[a]:.4f}" if a in degrees else f"{a} 0.0" for a in _AXES]
         dat.append(f"DECL E6AXIS XP{i}={{{','.join(axes)}}}")

@@ -10,7 +10,15 @@ import re
 
 import numpy as np
 
-from qsframework.applications.controller_names import MOST, arm_axes, bad_name, payload_text, plain, stopped
+from qsframework.applications.controller_names import (
+    MOST,
+    arm_axes,
+    bad_name,
+    payload_text,
+    plain,
+    stopped,
+    weight_remarks,
+)
 from qsframework.applications.programme import Programme
 
 _FASTEST = 5000
@@ -24,7 +32,7 @@ def write_rapid(programme: Programme, name: str) -> str:
         raise bad_name(name, "a letter, then letters, digits and _, up to 28, for the procedure is named run_ and this")
     names, order = arm_axes(len(programme.moves[0].pendant), programme.external, "J", "RAPID")
     remarks = [f"robot {programme.robot}", payload_text(programme.payload), *order]
-    remarks += ["set the load data of tool and weight before the start", "no weight while the arm moves"]
+    remarks += weight_remarks(programme.loaded, "set the load data of tool and weight before the start")
     points, body = list[str](), [f"VelSet {programme.speed},{_FASTEST};"]
     for i, move in enumerate(programme.moves, start=1):
         points.append(f"LOCAL CONST jointtarget jp{i}:={_target(dict(zip(names, move.pendant, strict=True)))};")
@@ -32,9 +40,8 @@ def write_rapid(programme: Programme, name: str) -> str:
             body.append(f"! pose {move.pose} visit {move.repeat}")
         body.append(f"MoveAbsJ jp{i}\\NoEOffs,vmax,fine,{programme.tool}\\WObj:={programme.frame};")
         if move.measured:
-            body += stopped(
-                plain(move.load), programme.pause, "! ", f"WaitTime\\InPos,{programme.pause or 0:.2f};", "Stop;"
-            )
+            wait = f"WaitTime\\InPos,{programme.pause or 0:.2f};"
+            body += stopped(plain(move.load), plain(move.station), programme.pause, "! ", wait, "Stop;")
     lines = [f"MODULE {name}", *(f"  ! {r}" for r in remarks), *(f"  {p}" for p in points), f"  PROC run_{name}()"]
     return "\n".join([*lines, *(f"    {b}" for b in body), "  ENDPROC", "ENDMODULE"]) + "\n"
 

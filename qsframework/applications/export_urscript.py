@@ -10,12 +10,13 @@ import re
 
 import numpy as np
 
-from qsframework.applications.controller_names import bad_name, payload_text, plain, stopped
+from qsframework.applications.controller_names import bad_name, payload_text, plain, stopped, weight_remarks
 from qsframework.applications.programme import Move, Programme
 from qsframework.errors import InputError, Problem
 
 _JOINTS = 6
 _FASTEST = float(np.deg2rad(120.0))
+_PAYLOAD = "set the payload and its centre of gravity, of tool and weight, before the start"
 _ACCELERATION = 0.5
 """rad/s^2, of the joint that turns farthest."""
 
@@ -35,8 +36,7 @@ def write_urscript(programme: Programme, name: str) -> str:
         f"  # {payload_text(programme.payload)}",
         f"  # speed {programme.speed} percent of {np.rad2deg(_FASTEST):g} deg/s",
         "  # tool and frame: joint angles need none; set_tcp stays as the installation has it",
-        "  # set the payload and its centre of gravity, of tool and weight, before the start",
-        "  # no weight while the arm moves",
+        *(f"  # {remark}" for remark in weight_remarks(programme.loaded, _PAYLOAD)),
     ]
     velocity = f"{_FASTEST * programme.speed / 100.0:.5f}"
     for move in programme.moves:
@@ -46,10 +46,12 @@ def write_urscript(programme: Programme, name: str) -> str:
         lines.append(f"  movej([{angles}], a={_ACCELERATION}, v={velocity})")
         if move.measured:
             wait = f"sleep({programme.pause or 0:.2f})"
-            lines += [f"  {line}" for line in stopped(plain(move.load), programme.pause, "# ", wait, _ask(move))]
+            said = (plain(move.load), plain(move.station))
+            lines += [f"  {line}" for line in stopped(*said, programme.pause, "# ", wait, _ask(move))]
     return "\n".join([*lines, "end"]) + "\n"
 
 
 def _ask(move: Move) -> str:
     load = f"now hang {plain(move.load)}, take it off before you continue" if move.load else "nothing hangs here"
-    return f'popup("{move.pose} visit {move.repeat}: {load}", title="measure", blocking=True)'
+    tracker = f"tracker at {plain(move.station)}, " if move.station else ""
+    return f'popup("{move.pose} visit {move.repeat}: {tracker}{load}", title="measure", blocking=True)'

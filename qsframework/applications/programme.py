@@ -35,7 +35,8 @@ class Move:
 
     pose: the plan's name, "" for a pose in between or home.
 
-    repeat: 1, 2, ... counts the visits of the pose; load: the name of what is hung once the arm has stopped there
+    repeat: 1, 2, ... counts the visits of the pose; load: the name of what is hung once the arm has stopped there;
+    station: where the tracker is to stand from here on, "" where it stays
     """
 
     pendant: Array
@@ -43,6 +44,7 @@ class Move:
     repeat: int = 0
     load: str = ""
     force: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    station: str = ""
 
     @property
     def measured(self) -> bool:
@@ -74,6 +76,11 @@ class Programme:
     frame: str = ""
 
     @property
+    def loaded(self) -> bool:
+        """Whether anything is hung anywhere."""
+        return any(m.load for m in self.moves)
+
+    @property
     def vias(self) -> int:
         """How many poses in between were needed; home is none."""
         return sum(1 for m in self.moves if not m.measured) - 2 * self.home
@@ -101,12 +108,14 @@ def make_programme(
     around = Surroundings(experiment)
     _check_poses(around, plan, home, file)
     _check_rest(experiment, plan, file)
+    _check_stations(plan, pause, file)
     tell = tell or (lambda label, done, total: None)
     sequence = _free_order(around, plan, order, seed, home, tell)
     moves = _moves(around, plan, sequence, home, np.random.default_rng(seed), tell, file)
     points = np.stack([m.pendant for m in moves])
     planned = way_length(plan.pendant, visits(plan, "plan"), home)
-    notes = (*_unseen(experiment, plan, moves, around), *_notes(experiment, around, home, pause))
+    loaded = bool(plan.wrench.any())
+    notes = (*_unseen(experiment, plan, moves, around), *_notes(experiment, around, home, pause, loaded))
     return replace(
         draft(experiment, plan, speed, pause),
         moves=moves,
@@ -193,6 +202,14 @@ def _check_numbers(speed: int, pause: float | None) -> None:
         raise InputError(Problem("the pause at a pose", found=f"{pause:g} s", allowed="0.01 to 3600 s"))
 
 
+def _check_stations(plan: Plan, pause: float | None, file: str) -> None:
+    """InputError where the programme would drive on while the tracker is set up elsewhere."""
+    stations = tuple(dict.fromkeys(plan.stations))
+    if pause is not None and len(stations) > 1:
+        hint = "With --hold the programme waits at each pose, and says where the tracker moves."
+        raise InputError(Problem(f"the tracker moves between {' and '.join(stations)}", file or None, hint=hint))
+
+
 def _check_poses(around: Surroundings, plan: Plan, home: Array | None, file: str) -> None:
     pendant = plan.pendant if home is None else np.vstack([plan.pendant, home])
     names = [*(f"pose {p!r}" for p in plan.pose), "home"]
@@ -273,11 +290,13 @@ def _in_rounds(plan: Plan) -> bool:
 
 def _stops(plan: Plan, sequence: tuple[int, ...]) -> list[Move]:
     """The visits in an order."""
-    out, seen = list[Move](), dict[int, int]()
+    out, seen, stand = list[Move](), dict[int, int](), ""
     for i in sequence:
         seen[i] = seen.get(i, 0) + 1
         x, y, z = (float(f) for f in plan.wrench[i, :3])
-        out.append(Move(frozen(plan.pendant[i]), plan.pose[i], seen[i], load_name(plan, i), (x, y, z)))
+        moved = plan.stations[i] if plan.stations[i] != stand else ""
+        stand = plan.stations[i]
+        out.append(Move(frozen(plan.pendant[i]), plan.pose[i], seen[i], load_name(plan, i), (x, y, z), moved))
     return out
 
 
@@ -309,9 +328,11 @@ def _moves(
     return tuple(out)
 
 
-def _notes(experiment: Experiment, around: Surroundings, home: Array | None, pause: float | None) -> tuple[str, ...]:
+def _notes(
+    experiment: Experiment, around: Surroundings, home: Array | None, pause: float | None, loaded: bool
+) -> tuple[str, ...]:
     notes: list[str] = []
-    if pause is not None:
+    if pause is not None and loaded:
         notes.append(
             f"the programme drives on by itself after {pause:g} s: a run without the weight; without a pause it waits "
             "while a load is hung and taken off"
@@ -322,8 +343,9 @@ def _notes(experiment: Experiment, around: Surroundings, home: Array | None, pau
         notes.append("the experiment states no floor_m among its constraints: the way was not checked against a floor")
     if experiment.constraints.tool_radius is None:
         notes.append("the experiment states no tool_radius_mm: tool and weight were not checked for collisions")
-    notes += payload_notes(experiment)
+    notes += payload_notes(experiment) if loaded else ()
     if home is None:
         notes.append("no home position was given: bring the arm to the first pose by hand, slowly")
-    notes.append("the cell, cables and people are not known here: run it once at low speed without the weight")
+    low = "at low speed without the weight" if loaded else "at low speed"
+    notes.append(f"the cell, cables and people are not known here: run it once {low}")
     return tuple(notes)

@@ -584,3 +584,33 @@ def test_another_maker_is_refused_before_the_way_is_sought(
         run = CliRunner().invoke(app, [*arguments, "-o", str(tmp_path / f"way{ending}")])
         assert isinstance(run.exception, InputError)
         assert words in str(run.exception)
+
+
+def positions_plan(plan: Plan) -> Plan:
+    """The plan read without loads, its second half from another station."""
+    stands = tuple("east" if i < 7 else "west" for i in range(14))
+    return replace(plan, wrench=np.zeros_like(plan.wrench), load=("",) * 14, repeats=(1,) * 14, station=stands)
+
+
+@pytest.mark.parametrize("to", FORMATS)
+def test_a_plan_of_positions_says_where_the_tracker_moves_and_nothing_of_weights(
+    cell: Experiment, plan: Plan, tmp_path: Path, to: str
+) -> None:
+    own = positions_plan(plan)
+    made = make_programme(cell, own, pause=None)
+    assert not any("weight: a run" in note or "without the weight" in note for note in made.notes)
+    files = export(replace(made, title="an arm"), to, tmp_path / f"way{ENDING[to]}")
+    read = read_export(files[0])
+    assert read.differences(made) == []
+    assert read.plan_differences(own) == []
+    text = files[0].read_text()
+    assert "weight" not in text.lower()
+    where = [text.index(f"tracker at {s}" if to != "csv" else f",{s}\n") for s in ("east", "west")]
+    assert where == sorted(where)
+    for station in ("east", "west"):
+        assert text.count(station) == (2 if to == "urscript" else 1)
+
+
+def test_nothing_drives_on_while_the_tracker_moves(cell: Experiment, plan: Plan) -> None:
+    with pytest.raises(InputError, match="the tracker moves between east and west.*--hold"):
+        make_programme(cell, positions_plan(plan))
