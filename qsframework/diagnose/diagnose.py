@@ -674,7 +674,7 @@ def _errors(
     experiment, readings = given
     model = experiment.model()
     given_rows = replace(base.rows, readings=readings)  # as they were before a convention was applied
-    x = values_before(model, readings)
+    x = start_values(experiment, experiment.fit_names(), values_before(model, readings))
     frames = given_rows.start(model, x)
     predicted, _ = predicted_or_linear(model, given_rows, x, frames)  # values far off may bear no load
     nominal = base.rows.measured - predicted

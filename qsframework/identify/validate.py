@@ -13,7 +13,7 @@ from qsframework.errors import InputError, NotConverged, NotIdentifiable
 from qsframework.estimation import FitOptions, rms
 from qsframework.experiment import Experiment, Frame, Readings, make_rows
 from qsframework.experiment.account import Account
-from qsframework.experiment.observations import ReadingRows, values_before
+from qsframework.experiment.observations import ReadingRows, start_values, values_before
 from qsframework.files import as_file
 from qsframework.identify.identify import identify
 from qsframework.identify.record import FitRecord
@@ -115,7 +115,7 @@ def validate(experiment: Experiment, readings: Readings, fit: FitRecord) -> Vali
     x = fit.x_of(model)
     errors = rows.measured - rows.predict(model, x, fitted_frames(fit, rows, model, x), fit.linear)
     seen = not set(fit.account.hashes).isdisjoint(readings.hashes)
-    found = _validation(fit, rows, errors, _nominal(experiment, rows, fit.linear), seen=seen)
+    found = _validation(fit, rows, errors, _nominal(experiment, rows, fit), seen=seen)
     return replace(found, notes=rows.range_notes(model, x))
 
 
@@ -157,14 +157,14 @@ def validate_halves(
     spread = np.array([np.sqrt(np.nansum(e**2) / len(e)) for _, e in every])
     place = {k: i for i, k in enumerate(rows.keep.tolist())}
     both = np.array([place[k] for part, _ in every for k in part.keep.tolist()], dtype=np.intp)
-    before, errors = _nominal(experiment, rows, fit.linear)[both], np.concatenate([e for _, e in every])
+    before, errors = _nominal(experiment, rows, fit)[both], np.concatenate([e for _, e in every])
     return _validation(fit, rows.take(both), errors, before, halves=halves, spread=spread)
 
 
-def _nominal(experiment: Experiment, rows: ReadingRows, linear: bool) -> Array:
+def _nominal(experiment: Experiment, rows: ReadingRows, fit: FitRecord) -> Array:
     """Errors (R, 3) of the arm with the values before any of these readings, in the frames that suit it best."""
-    model = experiment.model()
-    x = values_before(model, rows.readings)
+    model, linear = experiment.model(), fit.linear
+    x = start_values(experiment, fit.model_names(experiment), values_before(model, rows.readings))
     frames = rows.start(model, x)
     try:
         return rows.measured - rows.predict(model, x, frames, linear)
