@@ -247,7 +247,9 @@ def simulate(
         Path, typer.Argument(help="plan.csv, or readings.csv, whose rows are made anew.", show_default=False)
     ],
     output: Annotated[Path, typer.Option("-o", "--output", help="The readings.")] = Path("readings.csv"),
-    truth: Annotated[str, typer.Option(help="'nominal' values, or 'drawn' from the priors.")] = "nominal",
+    truth: Annotated[
+        str, typer.Option(help="'nominal' values, or 'drawn': by stated sds or typical sizes.")
+    ] = "nominal",
     linear: Linear = False,
     seed: Seed = 0,
     json: Json = None,

@@ -50,7 +50,7 @@ def simulate(
     """
     model = experiment.model()
     rng = np.random.default_rng(seed)
-    x = _rigid(experiment, _truth(model, truth, rng)) if x is None else x
+    x = _rigid(experiment, _truth(experiment, truth, rng)) if x is None else x
     readings = planned_readings(experiment, plan, x, linear)
     sigma = readings.sigma if readings.stated else np.zeros_like(readings.sigma)
     noise = sigma * rng.standard_normal(readings.value.shape)
@@ -195,7 +195,7 @@ def simulate_rows(
     if not readings.stated:
         raise InputError(f"{experiment.path}: a simulation needs the noise, for example noise: {{sigma_mm: 0.03}}")
     model, rng = experiment.model(), np.random.default_rng(seed)
-    x = _truth(model, truth, rng) if x is None else x
+    x = _truth(experiment, truth, rng) if x is None else x
     rows = make_rows(readings)
     predicted = rows.predict(model, x, rows.start(model, model.nominal), linear)
     value = np.array(readings.value)
@@ -260,10 +260,18 @@ def _stacked(parts: list[Conditions]) -> Conditions:
     return Conditions.each(both)
 
 
-def _truth(model: Model, truth: str, rng: np.random.Generator) -> Array:
+def _truth(experiment: Experiment, truth: str, rng: np.random.Generator) -> Array:
+    """Values (p,) of a truth; drawn: from stated sds, or from the typical size of an error that `fit` asks for."""
     if truth not in TRUTHS:
         raise InputError(Problem(f"unknown truth {truth!r}", allowed=", ".join(TRUTHS), hint=nearest(truth, TRUTHS)))
-    return prior_draws(model, 1, rng)[0] if truth == "drawn" else model.nominal
+    model = experiment.model()
+    if truth == "nominal":
+        return model.nominal
+    x, fitted = prior_draws(model, 1, rng)[0], set(experiment.fit_names())
+    open_ = [i for i, p in enumerate(model.parameters) if p.sd is None and p.nominal == 0.0 and p.name in fitted]
+    typical = np.array([model.parameters[i].typical for i in open_])
+    x[open_] += typical * rng.standard_normal(len(open_))
+    return np.clip(x, [p.lower for p in model.parameters], [p.upper for p in model.parameters])
 
 
 def prior_draws(model: Model, count: int, rng: np.random.Generator) -> Array:

@@ -11,10 +11,12 @@ import pytest
 from typer.testing import CliRunner
 
 from qsframework.cli.main import app
+from qsframework.diagnose import diagnose
 from qsframework.errors import InputError
-from qsframework.experiment import load_experiment, read_readings
+from qsframework.experiment import load_experiment, make_plan, read_readings, simulate
 from qsframework.experiment.observations import values_before
-from qsframework.plugin import Parameter
+from qsframework.identify import identify, validate
+from qsframework.plugin import Parameter, Poses
 
 HIDDEN = Path(__file__).resolve().parents[2] / "examples" / "hidden_effect"
 
@@ -67,3 +69,29 @@ def test_a_stage_that_says_nothing_is_refused(tmp_path: Path) -> None:
     (given / "n.yaml").write_text("joint_compliance[joint_1]: {value_rad/(N m): 1e-7, earlier: [{value_m: 1}]}\n")
     with pytest.raises(InputError, match=re.escape("earlier is a list of value_rad/(N m) and readings")):
         load_experiment(given / "experiment.yaml")
+
+
+RIGID = """
+robot: ur10
+rigid: true
+markers: {m1: {xyz_mm: [60, 0, 40]}, m2: {xyz_mm: [-40, 50, 40]}}
+noise: {position_sigma_mm: 0.03}
+positions: {}
+effects: [{effect: joint_offset, joints: all}]
+fit: [joint_offset]
+"""
+
+
+def test_the_arm_before_a_rigid_fit_is_rigid_wherever_it_is_told(tmp_path: Path) -> None:
+    """The mass of the arm bends no spring that is not fitted: identify, validate and diagnose have one error before."""
+    (tmp_path / "experiment.yaml").write_text(RIGID)
+    experiment = load_experiment(tmp_path / "experiment.yaml")
+    rng = np.random.default_rng(0)
+    pendant = np.deg2rad(rng.uniform([-90, -120, 20, -90, 30, -90], [90, -40, 120, 0, 120, 90], (12, 6)))
+    poses = Poses(pendant, experiment.robot.controller.to_joints(pendant), np.zeros((12, 6)))
+    readings = simulate(experiment, make_plan(poses, [""] * 12), truth="drawn", seed=2).readings
+    fit = identify(experiment, readings)
+    before = float(np.linalg.norm(fit.measured - fit.nominal, axis=1).mean())
+    assert before > 10.0 * fit.rms
+    assert validate(experiment, readings, fit).as_json()["nominal_error_mm"]["mean"] == pytest.approx(1e3 * before)
+    assert diagnose(experiment, readings, repeats=1).rms.nominal == pytest.approx(fit.rms_nominal)
