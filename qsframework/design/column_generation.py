@@ -36,11 +36,14 @@ _SINGULAR = 1e15
 """Condition of an information matrix, its parameters brought to one size, that float64 cannot tell from singular."""
 _UNTOLD = "the candidates cannot tell all parameters apart, or hardly"
 _ROUNDS = 60
+_ROOM = 2.0
+"""How many times its share a group's candidates may hold where weights are capped, at least."""
 _SUBSET_EFFICIENCY = 0.9
 _GOAL = 1e-7
 _FLOOR = 1e-16
 """Gap of a small problem that float64 cannot tell from none."""
 Progress = Callable[[float], None]
+Flags = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -217,11 +220,14 @@ def _solve(task: RelaxedTask, index: Indices, block: Array, start: Array | None,
 
 
 def _improve(task: RelaxedTask, pool: Indices, state: Columns, gap: float) -> tuple[Columns, float]:
-    """Solve over a pool of candidates until its own bound leaves `gap`; passes over all that this cost."""
+    """Solve over a pool of candidates until its own bound leaves `gap`; passes over all that this cost.
+
+    A candidate that leaves and comes back stays, so that rounds do not turn in a circle.
+    """
     block = task.rows.take(pool)
     allowed, label = task.within(pool), task.label[pool]
     board = Scoreboard(HeldRows(block), task.basis)
-    inner = 0.3
+    inner, left, back = 0.3, np.zeros(len(pool), dtype=bool), np.zeros(len(pool), dtype=bool)
     for _ in range(_ROUNDS):
         values = board.bounds(state.solved.expansion.slope, _levels(state, label))
         open_gap = 1.0 - _bound(task, state, values, allowed)
@@ -231,7 +237,10 @@ def _improve(task: RelaxedTask, pool: Indices, state: Columns, gap: float) -> tu
         if not len(joining) and (task.criterion.kinked or inner < max(1e-3 * gap, _FLOOR)):
             break
         inner = min(inner, 0.1 * open_gap) if len(joining) else 0.1 * min(inner, open_gap)
-        state = _renewed(task, pool, block, state, joining, max(inner, 0.1 * gap if gap > 0 else _GOAL * 0.01))
+        back[joining] |= left[joining]
+        own, inner_gap = np.searchsorted(pool, state.index), max(inner, 0.1 * gap if gap > 0 else _GOAL * 0.01)
+        state = _renewed(task, pool, block, state, joining, inner_gap, back[own])
+        left[own[~np.isin(pool[own], state.index)]] = True
     return state, (1.0 + board.passes) * len(pool) / len(task.rows)
 
 
@@ -256,17 +265,22 @@ def _violators(task: RelaxedTask, pool: Indices, state: Columns, values: Array) 
     return top[excess[top] > 1e-12]
 
 
-def _renewed(task: RelaxedTask, pool: Indices, block: Array, state: Columns, joining: Indices, gap: float) -> Columns:
-    """The small problem without candidates that carry next to nothing, with those that join."""
+def _renewed(
+    task: RelaxedTask, pool: Indices, block: Array, state: Columns, joining: Indices, gap: float, stays: Flags
+) -> Columns:
+    """The small problem without candidates that carry next to nothing, but with those that stay and that join."""
     solved = state.solved
     ratio = solved.scores / np.maximum(solved.multipliers, 1e-300)[task.label[state.index]]
-    stays = solved.weights * task.rows.parameters >= 1.0 - ratio
+    stays = stays | (solved.weights * task.rows.parameters >= 1.0 - ratio)
     for g, share in enumerate(task.allowed.shares):  # a group keeps what its share needs
         mine = np.flatnonzero(task.label[state.index] == g)
         if share > 0 and not stays[mine].any():
             stays[mine[np.argmax(solved.weights[mine])]] = True
-    if np.isfinite(task.allowed.cap):
-        stays |= solved.weights > 1e-9 * task.allowed.cap
+    joined = task.label[pool[joining]]
+    for g, share in enumerate(task.allowed.shares if np.isfinite(task.allowed.cap) else ()):  # and may hold it
+        mine = task.label[state.index] == g
+        if (stays[mine].sum() + (joined == g).sum()) * task.allowed.cap < _ROOM * share:
+            stays |= mine
     added = block[joining] @ task.basis
     kept = np.concatenate([state.block[stays], added])
     if not _tells(kept, task.prior):  # early weights are rough: what is left must still tell every parameter

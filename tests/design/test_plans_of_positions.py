@@ -9,7 +9,10 @@ import pytest
 
 from qsframework.design import design
 from qsframework.design.candidates import generate_candidates
-from qsframework.design.certified import Wish
+from qsframework.design.certified import Wish, relaxed_design
+from qsframework.design.criteria import Determinant
+from qsframework.design.minimax import Robust
+from qsframework.design.problem import make_problem
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Plan, load_experiment, simulate
 from qsframework.identify import identify
@@ -73,6 +76,30 @@ def test_a_second_station_helps_and_costs(tmp_path: Path) -> None:
     wish = Wish(criterion="D", budget=16.0)
     plan = design(experiment, 0, candidates=generate_candidates(experiment, 60, seed=0), wish=wish)
     assert sum(plan.repeats) + 4 * ("west" in plan.station) <= 16
+
+
+TWO = """
+robot: ur10
+rigid: true
+markers: {m1: {xyz_mm: [80, 0, 60]}, m2: {xyz_mm: [-60, 60, 90]}, m3: {xyz_mm: [0, -80, 40]}}
+stations: {front: {xyz_mm: [3000, 500, 300]}, side: {xyz_mm: [300, -3200, 900], cost: 4}}
+noise: {position_sigma_mm: 0.015, distance_sigma_um/m: 6}
+effects: [{effect: marker_offset, markers: all}]
+fit: [geometry, marker_offset]
+"""
+
+
+def test_a_station_that_is_not_worth_its_frame_is_certified_all_the_same(tmp_path: Path) -> None:
+    """With both stations the best weights leave one next to nothing: rounds must not turn in a circle."""
+    experiment = written(tmp_path, TWO)
+    candidates = generate_candidates(experiment, 600, seed=0)
+    problem = make_problem(experiment, candidates, 26.0, budget=True)
+    wanted = np.eye(problem.reading.width)[:, problem.wanted.tolist()]
+    rule = Robust(Determinant("D", "", wanted))
+    relaxed, _ = relaxed_design(problem, rule, Wish(criterion="D", budget=26.0), 0, lambda bound: None)
+    assert relaxed.efficiency > 1.0 - 1e-5
+    share = np.bincount(problem.station(relaxed.index), relaxed.weights, 2)
+    assert share[1] < 1e-3
 
 
 @pytest.mark.parametrize(
