@@ -59,6 +59,8 @@ def check_files(files: Sequence[Path], json: Path | None, report: Path | None = 
         raise InputError(problems)
     for one in checked:
         print_folded(f"{one.file}: {one.said()}")
+    if len(checked) == 1 and (experiment := checked[0].experiment) is not None:
+        print(f"next: qsf {'identify' if experiment.data else 'design'} {files[0]}")
     if json is not None:
         write_json(json, {str(one.file): one.said() for one in checked}, names=True)
     if report is not None:

@@ -14,6 +14,7 @@ from qsframework.files.formats import FORMAT
 
 if TYPE_CHECKING:
     from qsframework.experiment import Experiment
+    from qsframework.experiment.account import Account
 
 
 def readings_files(experiment: Experiment, data: Sequence[Path], option: str = "FILE...") -> tuple[Path, ...]:
@@ -26,6 +27,14 @@ def readings_files(experiment: Experiment, data: Sequence[Path], option: str = "
     if gone:
         raise InputError(gone)
     return paths
+
+
+def certificate_of_positions(experiment: Experiment, fit: Path, account: Account) -> str:
+    """The command that certifies a fit of positions with the readings that it is from."""
+    own = {path.resolve() for path in experiment.data}
+    used = [(experiment.path.parent.resolve() / file.path).resolve() for file in account.files]
+    files = [] if set(used) <= own else [os.path.relpath(path, Path.cwd().resolve()) for path in used]
+    return " ".join(["qsf certificate", str(experiment.path), str(fit), *files, "-o certificate.html"])
 
 
 _DESCRIBES = {".yaml", ".yml", ".urdf", ".xacro", ".stl", ".dae", ".obj"}

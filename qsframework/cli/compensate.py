@@ -17,7 +17,7 @@ from qsframework.applications.programmes.targets import (
     read_programme,
 )
 from qsframework.applications.targets import flange_pose, read_targets
-from qsframework.cli.commands import distinct_outputs, write_json
+from qsframework.cli.commands import certificate_of_positions, distinct_outputs, write_json
 from qsframework.cli.printing import print_folded, print_table, print_verdict
 from qsframework.cli.progress import progress
 from qsframework.errors import InputError, Problem
@@ -93,6 +93,9 @@ def run_compensate(
     else:
         _programme(made, texts, outputs)
     _more(files, experiment, fit, result, inputs, {} if made is None else {"motions": made.counts})
+    if result.account.positions:
+        certificate = certificate_of_positions(experiment, files.fit, result.account)
+        print(f"next: qsf kinematics {files.experiment} {files.fit} --urdf corrected.urdf, or {certificate}")
 
 
 def _print(result: Compensation, output: Path) -> None:

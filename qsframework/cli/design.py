@@ -115,7 +115,7 @@ def run_design(
     print(f"plan: {files.output}")
     simulated = f"try it: qsf simulate {files.experiment} {files.output}"
     if plan.of_positions.any():
-        print(f"next: measure it: qsf day {files.experiment} {files.output}, or {simulated}")
+        print(f"next: to the robot: qsf export {files.experiment} {files.output} --to FORMAT -o FILE, or {simulated}")
     else:
         print(f"next: measure each pose unloaded, then loaded, or {simulated}")
     if files.json is not None:

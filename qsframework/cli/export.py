@@ -59,6 +59,8 @@ def run_export(plan_file: Path, file: Path, output: Path, wish: ExportWish, json
     for note in programme.notes:
         print_folded(f"note: {note}")
     print("written: " + ", ".join(map(str, files)))
+    days = " or ".join(f"qsf {day} {file} {plan_file}" for day in ("protocol", "day"))
+    print(f"next: the measuring day, on paper or on a screen: {days}")
     if json is not None:
         write_json(json, as_json(programme, wish, files))
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from qsframework.applications.kinematics import WRITERS, Fitted, Written, fitted, offset_rows, write_offsets
-from qsframework.cli.commands import distinct_outputs, write_json
+from qsframework.cli.commands import certificate_of_positions, distinct_outputs, write_json
 from qsframework.cli.printing import print_folded, print_table
 from qsframework.experiment import load_experiment
 from qsframework.files import as_file
@@ -44,6 +44,8 @@ def run_kinematics(
         content = {kind: _content(written) for kind, written in files.items()}
         more = {"held": list(one.held), "missing": list(one.missing), "account": as_file(one.account)}
         write_json(json, {"files": content, "offsets": rows, **more})
+    if one.account.positions:
+        print(f"next: {certificate_of_positions(experiment, fit_file, one.account)}")
 
 
 def _held(one: Fitted) -> str:

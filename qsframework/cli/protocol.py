@@ -56,4 +56,5 @@ def run_protocol(file: Path, plan_file: Path, sheet: Path, readings: Path, wish:
     if wish.reflectors:
         write_floor_file(floor, protocol)
         print(f"to fill in: {floor}")
-    print(f"next: `data: {readings.name}` in {file.name}, then qsf check {file}")
+    filled = f"`data: {readings.name}` in {file.name}, then qsf check {file}"
+    print(f"next: {filled}; try it before: qsf simulate {file} {plan_file}")

@@ -147,6 +147,14 @@ def plain(text: str) -> str:
     return re.sub(r"\s+", " ", re.sub(r"[\u2500-\u257f]", " ", text))
 
 
+def suggested(command: str, printed: str) -> bool:
+    """Whether the line `next:` names a command and the files that it reads; targets are the user's own."""
+    (said,) = [line for line in printed.splitlines() if line.startswith("next: ")]
+    words = command.partition(" -")[0].split()
+    verb = " ".join(words[:3])
+    return verb in said and all(word in said.partition(verb)[2] for word in words[3:] if "/" not in word)
+
+
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_the_commands_run_and_print_what_is_said(
     name: str, readme: Ran, root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -158,10 +166,13 @@ def test_the_commands_run_and_print_what_is_said(
     commands = lines(page, "sh")
     assert any(c.startswith(("qsf identify ", "qsf diagnose ", "qsf day ")) for c in commands)
     assert all("--report" in c for c in commands if c.startswith(("qsf identify ", "qsf design ")))
-    printed = ""
+    printed = own = ""
     for command in commands:
         folder = readme.folder if command in readme.printed else tmp_path
-        printed += readme.printed[command] if command in readme.printed else printed_by(command)
+        if name == "geometry" and own:
+            assert suggested(command, own), f"{command} after {own}"
+        own = readme.printed[command] if command in readme.printed else printed_by(command)
+        printed += own
         for made in re.findall(r"--extend (\S+)", command):
             if folder != tmp_path:
                 (tmp_path / made).symlink_to(folder / made)
