@@ -206,8 +206,9 @@ def _check_stations(plan: Plan, pause: float | None, file: str) -> None:
     """InputError where the programme would drive on while the tracker is set up elsewhere."""
     stations = tuple(dict.fromkeys(plan.stations))
     if pause is not None and len(stations) > 1:
-        hint = "With --hold the programme waits at each pose, and says where the tracker moves."
-        raise InputError(Problem(f"the tracker moves between {' and '.join(stations)}", file or None, hint=hint))
+        hint = "A programme that waits at each pose says where the tracker moves."
+        message = f"the tracker moves between {' and '.join(stations)}"
+        raise InputError(Problem(message, file or None, hint=hint, argument=("hold", "")))
 
 
 def _check_poses(around: Surroundings, plan: Plan, home: Array | None, file: str) -> None:

@@ -612,5 +612,5 @@ def test_a_plan_of_positions_says_where_the_tracker_moves_and_nothing_of_weights
 
 
 def test_nothing_drives_on_while_the_tracker_moves(cell: Experiment, plan: Plan) -> None:
-    with pytest.raises(InputError, match=r"the tracker moves between east and west.*--hold"):
+    with pytest.raises(InputError, match=r"the tracker moves between east and west.*waits at each pose"):
         make_programme(cell, positions_plan(plan))
