@@ -100,7 +100,7 @@ def run_design(
     if taken:
         sds["with what was taken"] = joint_sd(experiment, [plan, *taken])
     table = _sd_table(experiment, plan, sds)
-    verdict = plan_verdict(experiment, plan, sds["this plan"])
+    verdict = plan_verdict(experiment, plan, sds["this plan"], needed is None or needed.enough)
     print_verdict(verdict)
     for line in [] if needed is None else need_words(needed):
         print_folded(line)

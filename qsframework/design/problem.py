@@ -447,6 +447,9 @@ def require_rank(problem: DesignProblem) -> None:
     test = _tested(problem, everything, before)
     if not test.full:
         said = loss_words(problem.experiment.model(), test, problem.batch(everything[:_SAMPLE]))
+        touched = ", ".join(load.name for load in problem.loads if load.gauge is not None)
+        one = "reads one direction of one marker: add a gauge along another, or a load that the tracker reads"
+        said += f". Under {touched} a dial gauge {one}" if touched else ""
         path = problem.experiment.path
         raise NotIdentifiable(f"{path}: no plan with these loads can tell the parameters: {said}")
 

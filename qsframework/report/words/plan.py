@@ -76,10 +76,10 @@ def need_words(found: Needed) -> list[str]:
     ]
 
 
-def plan_verdict(experiment: Experiment, plan: Plan, sds: Array) -> Verdict:
+def plan_verdict(experiment: Experiment, plan: Plan, sds: Array, enough: bool = True) -> Verdict:
     """How many poses, what they tell, how well the tip is known then, and how near the plan is to the best.
 
-    sds (p,): promised for the fitted parameters
+    sds (p,): promised for the fitted parameters; enough: whether it reaches an accuracy that was asked for, if any
     """
     parameters, c, tip = experiment.fit_parameters(), plan.certificate, tip_size(plan)
     lost = [p.name for p, sd in zip(parameters, sds, strict=True) if not np.isfinite(sd)]
@@ -98,6 +98,8 @@ def plan_verdict(experiment: Experiment, plan: Plan, sds: Array) -> Verdict:
     elif faint:
         mark, word = Mark.LOOK, "Plan is weak"
         told += f", {faint} of them to no better than their own size"
+    if not enough:
+        mark, word = Mark.BAD, "Accuracy not reached"
     said = [f"{len(plan.pose)} poses {told}"]
     numbers = [(str(len(plan.pose)), "poses")]
     if tip is not None:
