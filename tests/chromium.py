@@ -88,8 +88,17 @@ class Browser:
 
     def pdf(self) -> bytes:
         """The page as it is printed on A4."""
-        printed = self._ask("Page.printToPDF", printBackground=True, paperWidth=8.27, paperHeight=11.69)
-        return base64.b64decode(printed["data"])
+        return base64.b64decode(self._ask("Page.printToPDF", printBackground=True, preferCSSPageSize=True)["data"])
+
+    def picture(self, box: list[float]) -> bytes:
+        """A PNG of a part of the page: left, top, width, height in pixels of the whole page."""
+        part = {**dict(zip(("x", "y", "width", "height"), box, strict=True)), "scale": 1}
+        return base64.b64decode(self._ask("Page.captureScreenshot", captureBeyondViewport=True, clip=part)["data"])
+
+    def media(self, kind: str = "", scheme: str = "light") -> None:
+        """Show the page as on paper (print), or in a light or dark scheme."""
+        features = [{"name": "prefers-color-scheme", "value": scheme}]
+        self._ask("Emulation.setEmulatedMedia", media=kind, features=features)
 
     def _ask(self, method: str, **params: Any) -> dict[str, Any]:
         self._number += 1

@@ -11,7 +11,7 @@ from qsframework.applications.compare import Compared, Comparison
 from qsframework.plugin import Array
 from qsframework.report.blocks import Figure, ReportTable, SceneView, Section, Text
 from qsframework.report.numbers import row_table
-from qsframework.report.plots import COLOURS, SYMBOLS, blank, panels
+from qsframework.report.plots import BLACK, COLOURS, SYMBOLS, blank, log_axis, panels, round_ticks
 from qsframework.report.words.sizes import shown
 from qsframework.robot.collision import Flags
 from qsframework.viz import task_scene
@@ -156,12 +156,12 @@ def heat_maps(result: Comparison, values: list[Array], unit: str, title: str) ->
             showlegend=False,
             row=1,
             col=k,
-            marker={"color": "black", "size": 5, "symbol": "x"},
+            marker={"color": BLACK, "size": 6, "symbol": "x", "line": {"color": "white", "width": 1}},
             hovertemplate="the path<extra></extra>",
         )
         figure.update_xaxes(row=1, col=k, title={"text": "x, m"})
     figure.update_yaxes(row=1, col=1, title={"text": "z, m"})
-    ticks = _ticks(np.concatenate(values))
+    ticks = round_ticks(np.concatenate(values))
     bar = {"title": {"text": unit}, "tickvals": np.log10(ticks).tolist(), "ticktext": [f"{v:g}" for v in ticks]}
     figure.update_layout(
         plot_bgcolor="#ddd",
@@ -178,16 +178,6 @@ def map_table(result: Comparison, values: list[Array], unit: str) -> ReportTable
     return row_table(header, [x.tolist(), z.tolist(), *(v.ravel().tolist() for v in values)], "-: not reached.")
 
 
-def _ticks(values: Array) -> list[float]:
-    """Round numbers 1, 2, 5, 10, ... over the range of the values that are there."""
-    known = values[np.isfinite(values) & (values > 0.0)]
-    if not len(known):
-        return [1.0]
-    low, high = int(np.floor(np.log10(known.min()))), int(np.ceil(np.log10(known.max())))
-    steps = (1, 2, 5) if high - low < 3 else (1,)
-    return [m * 10.0**k for k in range(low, high + 1) for m in steps if known.min() <= m * 10.0**k <= known.max()]
-
-
 def path_figure(result: Comparison) -> Plot:
     """Deflection along the path, uncorrected and after compensation."""
     figure = blank("Along the path", "point of the path", "distance from the wanted place, mm", 420)
@@ -198,4 +188,5 @@ def path_figure(result: Comparison) -> Plot:
             mark = {"symbol": SYMBOLS[k % len(SYMBOLS)]}
             line = {"dash": dash, "color": COLOURS[k % len(COLOURS)]}
             figure.add_scatter(x=points, y=y, mode="lines+markers", line=line, marker=mark, name=name)
-    return figure.update_layout(yaxis={"type": "log"})
+    every = np.concatenate([v for r in result.robots for v in (r.task, r.after)])
+    return figure.update_layout(yaxis=log_axis(1e3 * every))

@@ -10,7 +10,7 @@ from qsframework.applications.compensate import Compensation
 from qsframework.experiment import Experiment, make_plan
 from qsframework.plugin import Array, Poses
 from qsframework.report.blocks import Figure, ReportTable, SceneView, Section, Text
-from qsframework.report.plots import BARS, blank
+from qsframework.report.plots import AFTER, BEFORE, blank, log_axis, plotted
 
 _MOST = 24
 """Targets in the scene."""
@@ -52,20 +52,19 @@ def _of_noise(result: Compensation) -> str:
 
 def compensation_section(result: Compensation) -> Section:
     """Words, notes, the figure and the table."""
-    figure = blank("Distance from the wanted place", "target", "mm")
     names = [html.escape(name) for name in result.targets.name]
-    figure.add_bar(x=names, y=(result.size * 1e3).tolist(), name="uncorrected", marker=BARS[0], customdata=names)
-    figure.add_bar(
-        x=names,
-        y=(result.sd * 1e3).tolist(),
-        name="expected after the correction",
-        marker=BARS[1],
-        customdata=names,
-    )
-    figure.update_layout(yaxis={"type": "log"}, barmode="group", xaxis={"type": "category"})
+    figure = blank("Distance from the target", "target", "mm")
+    for values, name, look in (
+        (result.size, "uncorrected", BEFORE),
+        (result.sd, "expected after the correction", AFTER),
+    ):
+        dots = {**look, "size": 9}
+        figure.add_scatter(x=names, y=plotted(1e3 * values), mode="markers", name=name, marker=dots, customdata=names)
+    figure.update_layout(yaxis=log_axis(1e3 * np.concatenate([result.size, result.sd])), xaxis={"type": "category"})
     caption = (
-        "Each pair of bars is a target, on a logarithmic scale. Look for targets whose second bar is not much lower "
-        "than the first: there the fit knows too little, and more readings near that pose would help."
+        "Diamonds: the distance from the target without a correction; circles: expected after it, on a logarithmic "
+        "scale. Look for targets whose circle is not much lower than the diamond: there the fit knows too little, and "
+        "more readings near that pose would help."
     )
     worst = result.worst
     text = (

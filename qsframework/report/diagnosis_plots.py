@@ -252,12 +252,12 @@ def angle_figure(diagnosis: Diagnosis) -> Figure | None:
     if len(heads) < 2:
         return None
     shown = [subspaces[i] for i in heads]
-    return Figure(
-        power_section.angle_figure([x.cause.name for x in shown], angle_matrix(shown)),
+    return power_section.angle_figure(
+        [x.cause.name for x in shown],
+        angle_matrix(shown),
         f"The {len(shown)} visible causes that these readings show best, alike ones side by side; of causes that do "
         "the same (within 1 deg) one stands for all. Look for dark squares: causes that these poses cannot tell apart, "
         "whatever their size: other poses, loads or markers would.",
-        wide=True,
     )
 
 

@@ -20,8 +20,9 @@ from qsframework.plugin import Array
 from qsframework.report.blocks import ReportTable, Verdict
 from qsframework.report.diagnosis_plots import budget_figure
 from qsframework.report.diagnosis_tables import cause_table, doubtful_table, error_rows, verdict_groups
-from qsframework.report.fit_plots import distribution_figure, fit_figures
+from qsframework.report.fit_plots import distribution_figure
 from qsframework.report.fit_section import error_tables, fit_table
+from qsframework.report.parameter_plots import parameter_figure
 from qsframework.report.plan_section import pose_table
 from qsframework.report.plots import COLOURS, SYMBOLS, blank, plotted
 from qsframework.report.validation_section import validation_tables
@@ -103,7 +104,7 @@ def _fit(fit: Fit) -> Face:
         "state": [e.state.value for e in fit.estimates],
     }
     tables = (fit_table(fit), *error_tables(fit))
-    return Face(_said(fit_verdict(fit)), tables, columns, lambda: fit_figures(fit)[0].figure)
+    return Face(_said(fit_verdict(fit)), tables, columns, lambda: parameter_figure(fit).figure)
 
 
 @face.register

@@ -1,4 +1,4 @@
-"""Figures of a fit: its parameters, how they go together, its errors, and where in the workspace they are."""
+"""Figures of a fit: its parameters, its errors, and where in the workspace they are."""
 
 from __future__ import annotations
 
@@ -9,26 +9,21 @@ import numpy as np
 
 from qsframework.estimation.tails import normal_isf, normal_sf
 from qsframework.experiment import Readings
-from qsframework.identify import Estimate, Fit, FitRecord
+from qsframework.identify import Fit, FitRecord
 from qsframework.plugin import Array, Indices
 from qsframework.report.blocks import Figure, ReportTable
-from qsframework.report.numbers import row_table
-from qsframework.report.plots import AFTER, AMBER, BEFORE, BLACK, BLUE, DASHES, GREEN, GREY, blank, panels, plotted
-from qsframework.report.words.sizes import value_words
+from qsframework.report.numbers import MATRIX, row_table
+from qsframework.report.parameter_plots import correlation_figure, parameter_figure
+from qsframework.report.plots import AFTER, BEFORE, BLACK, BLUE, DASHES, GREY, ORANGE, SKY, blank, panels, plotted
 
 AXES = ("x", "y", "z")
-_NUMBERS = 9
-"""Parameters up to which every cell of the correlation matrix carries its number."""
-_LABELS = 60
-"""Parameters up to which its axes carry all names."""
 _BINS = 25
 _QUANTILE = 95
 
 
 def fit_figures(fit: Fit, beside: FitRecord | None = None) -> tuple[Figure, ...]:
     """What the fit says of the parameters, another one beside it, and how well it describes the readings."""
-    one = _parameters(fit, beside)
-    pair = (_correlation(fit),) if len(fit.estimates) > 1 else ()
+    pair = (correlation_figure(fit),) if 1 < len(fit.estimates) <= MATRIX else ()
     scatter = () if fit.position.all() else (_measured_predicted(fit),)
     out = fit.left_out[np.isfinite(fit.left_out).all(axis=1)]
     sizes = {
@@ -37,7 +32,8 @@ def fit_figures(fit: Fit, beside: FitRecord | None = None) -> tuple[Figure, ...]
         "poses left out": np.linalg.norm(out, axis=1),
     }
     spread = (distribution_figure(sizes),) if len(sizes["identified"]) else ()
-    return (one, *pair, *scatter, *spread)
+    parameters = parameter_figure(fit, beside)
+    return (*pair, *scatter, *spread, parameters) if parameters.wide else (parameters, *pair, *scatter, *spread)
 
 
 def residual_figures(fit: Fit) -> tuple[Figure, ...]:
@@ -48,100 +44,6 @@ def residual_figures(fit: Fit) -> tuple[Figure, ...]:
 def _whole(values: Array) -> Array:
     """Rows (k, 3) of which every axis was measured."""
     return values[np.isfinite(values).all(axis=1)]
-
-
-def _parameters(fit: Fit, beside: FitRecord | None) -> Figure:
-    """Each estimate with its sd on one axis: its change from the initial value in its own natural size."""
-    every = [e for e in fit.estimates if np.isfinite(e.value)]
-    names = [html.escape(e.name) for e in every]
-    title = "Parameters with their standard deviations"
-    figure = blank(title, "change from initial, % of natural size", "")
-    figure.update_layout(height=150 + 24 * max(len(every), 2))
-    prior = [e for e in every if e.prior_sd is not None]
-    if prior:
-        figure.add_bar(
-            orientation="h",
-            y=[html.escape(e.name) for e in prior],
-            x=[_percent(e, 2.0 * (e.prior_sd or 0.0)) for e in prior],
-            base=[-_percent(e, e.prior_sd or 0.0) for e in prior],
-            name="prior, 1 sd to each side",
-            marker={"color": "#e3e3e3", "line": {"color": GREY, "width": 1}},
-        )
-    figure.add_scatter(x=[0.0] * len(every), y=names, mode="markers", name="initial", marker={**BEFORE, "size": 9})
-    figure.add_scatter(
-        x=[_percent(e, e.value - e.initial) for e in every],
-        y=names,
-        mode="markers",
-        name="identified",
-        error_x={"type": "data", "array": [_percent(e, e.sd) for e in every], "thickness": 2, "color": BLUE},
-        marker={**AFTER, "size": 8},
-        text=[html.escape(value_words(e.value, e.sd, e.unit)) for e in every],
-        hovertemplate="%{y}<br>%{text}<extra></extra>",
-    )
-    if beside is not None:
-        other = dict(zip(beside.names, zip(beside.values.tolist(), beside.sd.tolist(), strict=True), strict=True))
-        both = [e for e in every if e.name in other]
-        figure.add_scatter(
-            x=[_percent(e, other[e.name][0] - e.initial) for e in both],
-            y=[html.escape(e.name) for e in both],
-            mode="markers",
-            name="the other fit",
-            error_x={
-                "type": "data",
-                "array": [_percent(e, other[e.name][1]) for e in both],
-                "thickness": 2,
-                "color": GREEN,
-            },
-            marker={"color": GREEN, "symbol": "triangle-up", "size": 9},
-        )
-    figure.update_layout(barmode="overlay", yaxis={"autorange": "reversed", "type": "category", "dtick": 1})
-    rows = tuple((e.name, value_words(e.value, e.sd, e.unit), *(f"{v:.4g}" for v in _shares(e))) for e in every)
-    return Figure(
-        figure,
-        "Circles: identified, bars one standard deviation; diamonds: initial; grey: the stated prior. Look for circles "
-        "whose bar reaches the diamond: these readings hardly tell such a parameter from its initial value.",
-        ReportTable(("parameter", "value ± sd", "change, % of size", "sd, % of size"), rows),
-    )
-
-
-def _percent(e: Estimate, value: float) -> float:
-    return 100.0 * value / e.size if np.isfinite(value) else 0.0
-
-
-def _shares(e: Estimate) -> tuple[float, float]:
-    return _percent(e, e.value - e.initial), _percent(e, e.sd)
-
-
-def _correlation(fit: Fit) -> Figure:
-    """Correlation of every pair of estimates."""
-    names, c = [html.escape(n) for n in fit.names], fit.correlation
-    figure = blank("Correlation of the parameters", "", "")
-    few = len(names) <= _NUMBERS
-    figure.add_heatmap(
-        x=names,
-        y=names,
-        z=c,
-        zmin=-1.0,
-        zmax=1.0,
-        colorscale=[[0.0, BLUE], [0.5, "#ffffff"], [1.0, AMBER]],
-        texttemplate="%{z:.2f}" if few else "",
-        textfont={"color": BLACK},
-        colorbar={"title": {"text": "r"}, "thickness": 12},
-        hovertemplate="%{x}<br>%{y}<br>%{z:.3f}<extra></extra>",
-    )
-    labels = {"showticklabels": len(names) <= _LABELS, "dtick": 1, "tickfont": {"size": 11 if few else 9}}
-    figure.update_layout(
-        height=max(360, 200 + 22 * min(len(names), _LABELS)),
-        xaxis={**labels, "tickangle": 60},
-        yaxis={**labels, "autorange": "reversed"},
-    )
-    rows = tuple((name, *(f"{v:+.3f}" for v in line)) for name, line in zip(fit.names, c, strict=True))
-    return Figure(
-        figure,
-        "Look for full colour off the diagonal: the readings tell the two parameters only together, and poses or loads "
-        "of another kind would part them.",
-        ReportTable(("", *fit.names), rows),
-    )
 
 
 def _measured_predicted(fit: Fit) -> Figure:
@@ -313,7 +215,7 @@ def workspace_figure(fit: Fit, readings: Readings, pose: Indices, marker: Indice
                 "symbol": "circle",
                 "color": size,
                 "coloraxis": "coloraxis",
-                "line": {"width": 1, "color": "#444"},
+                "line": {"width": 1, "color": GREY},
                 "opacity": 0.85,
             },
             row=1,
@@ -322,12 +224,12 @@ def workspace_figure(fit: Fit, readings: Readings, pose: Indices, marker: Indice
         anchor = "x" if col == 1 else "x2"
         figure.update_xaxes(row=1, col=col, title={"text": along})
         figure.update_yaxes(row=1, col=col, title={"text": up}, scaleanchor=anchor)
-    scale = {"colorscale": "Cividis", "reversescale": True, "colorbar": {"title": {"text": "mm"}, "thickness": 12}}
+    scale = {"colorscale": [[0.0, SKY], [1.0, ORANGE]], "colorbar": {"title": {"text": "mm"}, "thickness": 12}}
     figure.update_layout(coloraxis=scale)
     columns = [names, *points.T.tolist(), around.tolist(), size.tolist()]
     return Figure(
         figure,
-        "Large and dark: far off after the fit. Look for a corner of the workspace in which all are: there the model "
+        "Large and orange: far off after the fit. Look for a corner of the workspace in which all are: there the model "
         "misses something, or the poses were too few.",
         row_table(("pose", "x, m", "y, m", "z, m", "from the axis, m", "error, mm"), columns),
         wide=True,

@@ -13,6 +13,8 @@ from qsframework.experiment.observations import values_before
 from qsframework.identify import Estimate, Fit, FitRecord, Masked
 from qsframework.report.blocks import Block, Figure, ReportTable, SceneView, Section, Text
 from qsframework.report.fit_plots import fit_figures, residual_figures, workspace_figure
+from qsframework.report.numbers import MATRIX
+from qsframework.report.parameter_plots import correlation_blocks, correlation_figure
 from qsframework.report.words.fit import alignment_words, first_words, verdict_words
 from qsframework.report.words.sizes import shown, stiffness_words, value_words, with_sd
 
@@ -259,7 +261,7 @@ def left_aside_table(fit: Fit) -> ReportTable:
 
 def fit_section(fit: Fit, title: str, truth: dict[str, float] | None = None) -> Section:
     """Tables and figures of one fit in one section."""
-    return Section(title, (*_answer(fit), *fit_figures(fit), fit_table(fit, truth), *_evidence(fit)))
+    return Section(title, (*_answer(fit, fit_table(fit, truth)), *_evidence(fit)))
 
 
 def fit_sections(
@@ -275,10 +277,8 @@ def fit_sections(
         Section(
             "Parameters and errors",
             (
-                *_answer(fit),
-                *fit_figures(fit, beside),
+                *_answer(fit, fit_table(fit, stiffness=True), beside),
                 *(() if beside is None else (beside_table(fit, beside),)),
-                fit_table(fit, stiffness=True),
             ),
         ),
         residual_view(fit, experiment, readings, where),
@@ -287,9 +287,13 @@ def fit_sections(
     )
 
 
-def _answer(fit: Fit) -> tuple[Block, ...]:
-    """How the readings were taken, and whether what is left fits the noise."""
-    return (*(Text(line) for line in first_words(fit)), Text(verdict_words(fit)))
+def _answer(fit: Fit, table: ReportTable, beside: FitRecord | None = None) -> tuple[Block, ...]:
+    """How the readings were taken, whether what is left fits the noise, the parameters, and what cannot be separated; a
+    long table comes after the figures."""
+    said = (*(Text(line) for line in first_words(fit)), Text(verdict_words(fit)))
+    figures = fit_figures(fit, beside)
+    body = (table, *figures) if len(table.rows) <= MATRIX else (*figures, table)
+    return (*said, *body, *correlation_blocks(fit))
 
 
 def _evidence(fit: Fit) -> Iterator[Block]:
@@ -300,9 +304,8 @@ def _evidence(fit: Fit) -> Iterator[Block]:
     yield from masked_blocks(fit)
     yield from interval_tables(fit)
     yield from (Text(note) for note in (*alignment_words(fit.alignments), *fit.notes))
-    pairs = sorted(fit.high_correlations(), key=lambda pair: -abs(pair[2]))
-    said = "; ".join(f"{a} and {b}: {c:+.3f}" for a, b, c in pairs) or "none"
-    yield Text(f"Correlations above 0.9: {said}.")
+    if len(fit.estimates) > MATRIX:
+        yield correlation_figure(fit)
     if any(not f.touched for f in fit.frames):
         yield frame_table(fit)
     if any(f.touched for f in fit.frames):

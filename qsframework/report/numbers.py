@@ -7,6 +7,9 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from qsframework.plugin import Array
 from qsframework.report.blocks import ReportTable
 
 if TYPE_CHECKING:
@@ -14,6 +17,9 @@ if TYPE_CHECKING:
 
 _CURVE = 60
 """A line of more points than this is a smooth curve: about this many of them are told."""
+MATRIX = 15
+"""Rows of a matrix that are read as one."""
+_STRONGEST = 5
 _MARKUP = re.compile(r"<[^>]+>")
 
 
@@ -58,6 +64,26 @@ def _matrix(trace: Any) -> ReportTable:
     return ReportTable(
         header, tuple((_plain(str(label)), *map(_cell, row)) for label, row in zip(trace.y, shown, strict=True))
     )
+
+
+def matrix_table(names: Sequence[str], strength: Array, values: Array, written: str) -> ReportTable:
+    """A square matrix (n, n) of values for people: whole where it is small, else the strongest entries of each row.
+
+    strength (n, n): by which entries of a row are chosen, the largest first; written: the format of a value
+    """
+    if len(names) <= MATRIX:
+        rows = [(name, *(_number(v, written) for v in line)) for name, line in zip(names, values.tolist(), strict=True)]
+        return ReportTable(("", *names), tuple(rows))
+    order = np.argsort(-np.where(np.eye(len(names), dtype=bool) | np.isnan(strength), -np.inf, strength), axis=1)
+    said = [
+        ", ".join(f"{names[j]} {_number(float(values[i, j]), written)}" for j in best)
+        for i, best in enumerate(order[:, :_STRONGEST].tolist())
+    ]
+    return ReportTable(("", f"with: the {_STRONGEST} strongest"), tuple(zip(names, said, strict=True)))
+
+
+def _number(value: float, written: str) -> str:
+    return "-" if value != value else format(value, written)
 
 
 def _title(figure: Plot, axis: str) -> str:

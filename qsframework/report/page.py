@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 __all__ = ["Block", "Figure", "Lines", "ReportTable", "SceneView", "Section", "Text", "Verdict", "write_report"]
 _WORDS = 18
 """A column with a longer cell than this holds words, which are set from the left."""
-_PRINTED = 60
-"""Numbers with no more rows than this are printed, also if they are folded on the screen."""
 _POWER = re.compile(r"\d(?:\.\d+)?e-\d+")
 
 
@@ -38,9 +36,11 @@ def write_report(path: str | Path, title: str, sections: Sequence[Section], verd
         (s.title, s.folded, list(_grouped([_block(b, f"figure-{i}-{j}") for j, b in enumerate(s.blocks)])))
         for i, s in enumerate(sections)
     ]
-    plots = any(isinstance(b, Figure) for s in sections for b in s.blocks)
+    blocks = [b for s in sections for b in s.blocks]
+    folds = any(s.folded for s in sections) or any(not isinstance(b, Text | Lines | ReportTable) for b in blocks)
+    plotly = _plotly() if any(isinstance(b, Figure) for b in blocks) else ""
     page = environment.get_template("report.html.j2").render(
-        title=title, sections=drawn, verdict=verdict, plotly=_plotly() if plots else ""
+        title=title, sections=drawn, verdict=verdict, plotly=plotly, folds=folds
     )
     return write_page(path, page)
 
@@ -87,8 +87,7 @@ def _block(block: Block, name: str) -> dict[str, Any]:
     else:
         numbers = figure_table(block.figure) if block.table is None else block.table
         inside = {"kind": "figure", "name": name, "wide": block.wide, **_drawn(block.figure)}
-    rows = len(numbers.rows)
-    return {**inside, "rows": rows, "printed": rows <= _PRINTED, "caption": block.caption, "table": _table(numbers)}
+    return {**inside, "rows": len(numbers.rows), "caption": block.caption, "table": _table(numbers)}
 
 
 def _drawn(figure: Plot) -> dict[str, str]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import html
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from qsframework.plugin import Array
 
 if TYPE_CHECKING:
@@ -27,7 +29,7 @@ BEFORE: dict[str, Any] = {"color": ORANGE, "symbol": "diamond-open"}
 AFTER: dict[str, Any] = {"color": BLUE, "symbol": "circle"}
 """Markers of what was before, and after."""
 BARS: tuple[dict[str, Any], ...] = (
-    {"color": ORANGE, "pattern": {"shape": "/", "fgcolor": "white", "size": 6}},
+    {"color": ORANGE, "pattern": {"shape": "/", "fgcolor": "white", "fillmode": "overlay", "size": 6}},
     {"color": BLUE},
 )
 """The same of bars: hatched before, full after."""
@@ -39,13 +41,14 @@ _AXIS = {
     "ticks": "outside",
     "tickcolor": "#888",
     "automargin": True,
+    "title": {"font": {"size": 13}},
 }
 TEMPLATE: dict[str, Any] = {
     "layout": {
         "font": {"family": "system-ui, sans-serif", "size": 13, "color": "#222"},
         "colorway": list(COLOURS),
-        "paper_bgcolor": "white",
-        "plot_bgcolor": "white",
+        "paper_bgcolor": "rgba(0,0,0,0)",
+        "plot_bgcolor": "rgba(0,0,0,0)",
         "margin": {"l": 64, "r": 16, "t": 40, "b": 56},
         "xaxis": _AXIS,
         "yaxis": _AXIS,
@@ -72,10 +75,11 @@ def panels(
     height: int,
     spacing: float | None = None,
     shared: bool = True,
+    heights: list[float] | None = None,
 ) -> Figure:
     """Empty plots, as many as there are titles, in rows and columns under one title.
 
-    shared: all of a row have one y axis
+    shared: all of a row have one y axis; heights: of the rows, in proportion
     """
     empty = rows * columns - len(titles)
     drawn: list[dict[str, object] | None] = [*({} for _ in titles), *([None] * empty)]
@@ -84,11 +88,39 @@ def panels(
         columns,
         shared_yaxes=shared,
         subplot_titles=[*titles, *([""] * empty)],
-        horizontal_spacing=spacing,
+        horizontal_spacing=spacing if heights is None else None,
+        vertical_spacing=None if heights is None else spacing,
+        row_heights=heights,
         specs=[drawn[k : k + columns] for k in range(0, len(drawn), columns)],
     )
-    legend = {"orientation": "h", "x": 0, "y": 1.0 + 30.0 / height, "yanchor": "bottom"}
-    return figure.update_layout(margin={"t": 76}, legend=legend)
+    legend = {"orientation": "h", "x": 0, "y": 1.0 + 24.0 / (height - 132.0), "yanchor": "bottom"}
+    return figure.update_annotations(font={"size": 13}).update_layout(margin={"t": 76}, legend=legend)
+
+
+def log_axis(values: Array) -> dict[str, Any]:
+    """A logarithmic axis over values that are above zero, with round numbers that are written out."""
+    known = values[np.isfinite(values) & (values > 0.0)]
+    if not len(known):
+        return {"type": "log"}
+    low, high = float(np.log10(known.min())), float(np.log10(known.max()))
+    room = max(0.05 * (high - low), 0.15)
+    ticks = round_ticks(10.0 ** np.array([low - room, high + room]))
+    return {
+        "type": "log",
+        "range": [low - room, high + room],
+        "tickvals": ticks,
+        "ticktext": [f"{v:g}" for v in ticks],
+    }
+
+
+def round_ticks(values: Array) -> list[float]:
+    """Round numbers 1, 2, 5, 10, ... over the range of the values that are above zero."""
+    known = values[np.isfinite(values) & (values > 0.0)]
+    if not len(known):
+        return [1.0]
+    low, high = int(np.floor(np.log10(known.min()))), int(np.ceil(np.log10(known.max())))
+    steps = (1, 2, 5) if high - low < 3 else (1,)
+    return [m * 10.0**k for k in range(low, high + 1) for m in steps if known.min() <= m * 10.0**k <= known.max()]
 
 
 def plotted(values: Array) -> list[float | None]:

@@ -11,13 +11,14 @@ import numpy as np
 from qsframework.forecast.forecast import Foresight, Outlook, Prospect, Why
 from qsframework.plugin import Array, Indices
 from qsframework.report.blocks import Figure, ReportTable, Section, Text
+from qsframework.report.numbers import MATRIX, matrix_table
 from qsframework.report.plots import DASHES, GREY, blank
 from qsframework.report.words.forecast import curve_words, foresight_words, kind_words, smallest_words, why_words
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure as Plot
 
-_LABELS = 120
+_LABELS = 50
 """Causes up to which the axes of the heat map carry all names."""
 
 
@@ -32,6 +33,7 @@ def size_table(foresight: Foresight) -> ReportTable:
         f"{100 * foresight.level:.2g} % false alarms over all causes together. Named: also told from all other causes, "
         f"its aliases apart, in {100 * foresight.share:.0f} %. Of a cause with several parameters each stands for "
         "itself, the others at zero.",
+        _folded("causes that the plan would show", len(rows)),
     )
 
 
@@ -63,7 +65,12 @@ def pair_table(foresight: Foresight) -> ReportTable:
         "Below 10 deg two causes do nearly the same to the readings. s: visible size in units of noise from which the "
         "right one is named in most measurements; `qsf diagnose` designs poses that widen the angle, or says what else "
         "to measure.",
+        _folded("pairs of causes that are hardly separated", len(rows)),
     )
+
+
+def _folded(what: str, rows: int) -> str:
+    return f"The {rows} {what}" if rows > MATRIX else ""
 
 
 def _status(p: Prospect) -> str:
@@ -74,7 +81,7 @@ def _rival(prospect: Prospect) -> str:
     return f"{prospect.nearest}, {np.rad2deg(prospect.angle):.0f} deg" if prospect.nearest else "-"
 
 
-def angle_figure(names: Sequence[str], angles: Array) -> Plot:
+def angle_figure(names: Sequence[str], angles: Array, caption: str) -> Figure:
     """Heat map of the angles (G, G) rad between causes; those alike stand side by side."""
     seen = np.flatnonzero(np.isfinite(angles).any(axis=0))
     order = seen[_seriated(angles[np.ix_(seen, seen)])]
@@ -91,14 +98,15 @@ def angle_figure(names: Sequence[str], angles: Array) -> Plot:
         colorbar={"title": {"text": "angle, deg"}},
         hovertemplate="%{x}<br>%{y}<br>%{z:.1f} deg<extra></extra>",
     )
-    size = max(420, 200 + 11 * len(order)) if len(order) <= _LABELS else 1100
-    every = {"tickfont": {"size": 8}, "showticklabels": len(order) <= _LABELS, "automargin": True}
+    size = max(420, 200 + 13 * len(order)) if len(order) <= _LABELS else 700
+    every = {"tickfont": {"size": 9}, "showticklabels": len(order) <= _LABELS, "automargin": True}
     figure.update_layout(
         height=size,
         xaxis={**every, "tickangle": 90, "dtick": 1},
         yaxis={**every, "autorange": "reversed", "dtick": 1},
     )
-    return figure
+    numbers = matrix_table([names[int(i)] for i in order], -shown, shown, ".0f")
+    return Figure(figure, caption, numbers, wide=True)
 
 
 def _seriated(angles: Array) -> Indices:
@@ -142,7 +150,7 @@ def power_section(foresight: Foresight, title: str = "What this plan would show"
             "Look for dark squares off the diagonal: causes that do the same to these readings, whatever their size. "
             "Bright ones are told apart with ease."
         )
-        blocks.append(Figure(angle_figure(names, foresight.angles), caption, wide=True))
+        blocks.append(angle_figure(names, foresight.angles, caption))
     if foresight.pairs:
         blocks.append(pair_table(foresight))
     caption = (

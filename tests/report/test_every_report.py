@@ -1,9 +1,11 @@
-"""Every command's report: figures with a sentence and numbers, where it comes from, whole, offline, printable."""
+"""Every command's report: figures with a sentence and numbers, where it comes from, whole, offline, printable,
+light and dark."""
 
 from __future__ import annotations
 
 import hashlib
 import importlib.metadata
+import io
 import json
 import re
 import zlib
@@ -16,6 +18,7 @@ import pytest
 from chromium import Browser
 from every_report import COMMANDS, TASK, Reports, make_reports
 from headless import browser, unpacked
+from PIL import Image
 
 from qsframework.cli.main import app
 from qsframework.plugin.registry import registry
@@ -198,14 +201,14 @@ def test_a_browser_shows_the_answer_first(reports: Reports, chromium: Browser, n
     """No error, no request to anywhere; the verdict on the first screen; contrast; at 400 px nothing is wider than the
     page; few stops of the tab key."""
     page = reports.folder / f"{name}.html"
-    assert page.stat().st_size < 3_500_000
+    assert page.stat().st_size < 3_000_000
     chromium.size(1400, 900)
     chromium.go(page.as_uri(), _DRAWN)
     seen = chromium.run(f"""({{
       band: [...document.querySelectorAll(".verdict")].map(b => b.getBoundingClientRect().bottom),
       shapes: document.querySelectorAll(".verdict svg").length,
       word: document.querySelector(".verdict .state")?.textContent.trim(),
-      numbers: document.querySelectorAll(".verdict dd").length,
+      numbers: document.querySelectorAll(".verdict dd").length, main: document.querySelectorAll("main").length,
       pale: {_PALE}, stops: {_STOPS}, high: document.documentElement.scrollHeight}})""")
     assert len(seen["band"]) == (name in JUDGED)
     if name in JUDGED:
@@ -213,6 +216,7 @@ def test_a_browser_shows_the_answer_first(reports: Reports, chromium: Browser, n
         assert seen["shapes"] == 1
         assert seen["word"]
         assert 3 <= seen["numbers"] <= 4 or name == "compare"
+    assert seen["main"] == 1
     assert seen["pale"] == []
     assert 0 < seen["stops"] < 60
     assert seen["high"] < 5 * 900 or not name.startswith("diagnose")
@@ -246,25 +250,104 @@ def test_a_row_a_point_and_the_slider_show_one_pose(reports: Reports, chromium: 
 
 
 @browser
-@pytest.mark.parametrize("name", ["identify", "compare"])
-def test_paper_shows_what_the_screen_shows(reports: Reports, chromium: Browser, name: str) -> None:
-    """All that is folded stands open; the scene's picture in the PDF is no plain field; every plot has its marks."""
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_trace_is_seen(reports: Reports, chromium: Browser, name: str) -> None:
+    """With all other traces hidden, each colours pixels of its plot that differ clearly from the ground; all that is
+    written can be read, also in what was folded, and every drawing has a name."""
     chromium.size(1400, 900)
-    chromium.go((reports.folder / f"{name}.html").as_uri(), _DRAWN)
-    chromium.run("dispatchEvent(new Event('beforeprint'))")
-    opened = chromium.run("""({closed: document.querySelectorAll("details.printed:not([open])").length,
-      widths: [...document.querySelectorAll(".plotly-graph-div .main-svg")].map(s => s.clientWidth),
-      plots: document.querySelectorAll(".plotly-graph-div").length,
-      drawn: document.querySelectorAll(".plotly-graph-div:has(.mlayer :is(path, image))").length})""")
-    assert opened["closed"] == 0
-    assert opened["drawn"] == opened["plots"] >= 3
-    assert all(width <= 700 for width in opened["widths"])  # the text of an A4 page is about 718 wide
-    chromium.run("dispatchEvent(new Event('afterprint'))")
-    pictures = [p for p in images_of(chromium.pdf()) if p.shape[1] > 300]
+    chromium.go(without_scenes(reports, name), _DRAWN)
+    chromium.run(_OPENED)
+    try:
+        for scheme in ("dark", "light"):
+            chromium.media(scheme=scheme)
+            ink = {"light": "#222", "dark": "#e4e7ea"}[scheme]
+            chromium.until(
+                f"{_DRAWN} && [...document.querySelectorAll('.js-plotly-plot')]"
+                f".every(d => d._fullLayout.font.color === '{ink}')"
+            )
+            told = chromium.run(f"({{pale: {_PALE}, small: {_SMALL}, unnamed: {_UNNAMED}, plots: {_PLOTS}}})")
+            assert (told["pale"], told["small"], told["unnamed"]) == ([], [], []), scheme
+            for number, (box, traces) in enumerate(told["plots"]):
+                empty = pixels_of(chromium, number, -1, box)
+                for k in range(traces):
+                    apart = np.abs(pixels_of(chromium, number, k, box) - empty).sum(axis=2)
+                    assert int((apart > 90).sum()) >= 20, f"trace {k} of plot {number} is not to be seen: {scheme}"
+    finally:
+        chromium.media()
+
+
+def without_scenes(reports: Reports, name: str) -> str:
+    """Where a copy of a report is that has its plots alone."""
+    page = reports.folder / f"{name}_plots.html"
+    page.write_text(re.sub(r"<iframe .*?</iframe>", "", reports.text(name), flags=re.S))
+    return page.as_uri()
+
+
+_OPENED = "document.querySelectorAll('#unfold').forEach(b => b.click())"
+_SMALL = """[...document.querySelectorAll("body *")].filter(e => e.getClientRects().length && !e.closest("script")
+  && [...e.childNodes].some(n => n.nodeType === 3 && n.data.trim()) && parseFloat(getComputedStyle(e).fontSize) < 9
+  ).map(e => e.textContent.slice(0, 40))"""
+_UNNAMED = """[...document.querySelectorAll("main svg")].filter(s => s.getClientRects().length
+  && !s.closest("[aria-hidden=true]") && !s.getAttribute("aria-label")).map(s => s.outerHTML.slice(0, 80))"""
+_TRACES = ".scatterlayer > .trace, .barlayer > .trace, .boxlayer > .trace, .heatmaplayer > .hm"
+_PLOTS = f"""[...document.querySelectorAll(".js-plotly-plot")].map(d => {{
+  const box = d.getBoundingClientRect();
+  return [[box.left + scrollX, box.top + scrollY, box.width, box.height],
+    [...d.querySelectorAll("{_TRACES}")].filter(t => t.querySelector("path, image, text")).length]; }})"""
+
+
+def pixels_of(chromium: Browser, plot: int, trace: int, box: list[float]) -> np.ndarray:
+    """What one trace of a plot shows alone, none where it is -1: (rows, columns, 3)."""
+    chromium.run(f"""[...document.querySelectorAll(".js-plotly-plot")[{plot}].querySelectorAll("{_TRACES}")]
+      .filter(t => t.querySelector("path, image, text"))
+      .forEach((t, k) => {{ t.style.visibility = k === {trace} ? "visible" : "hidden"; }})""")
+    return np.asarray(Image.open(io.BytesIO(chromium.picture(box))).convert("RGB")).astype(int)
+
+
+@browser
+@pytest.mark.parametrize("name", COMMANDS)
+def test_paper_shows_the_answer_first_and_cuts_nothing(reports: Reports, chromium: Browser, name: str) -> None:
+    """On paper the verdict stands on the first sheet; what is folded is listed and, once opened, printed whole."""
+    chromium.size(PAPER, 900)
+    chromium.go(without_scenes(reports, name), _DRAWN)
+    chromium.media("print")
+    try:
+        chromium.run("dispatchEvent(new Event('beforeprint'))")
+        closed = chromium.run("""({
+          answer: [...document.querySelectorAll(".verdict")].map(v => v.getBoundingClientRect().bottom),
+          listed: [...document.querySelectorAll("details > summary")].every(s => s.closest("details details")
+            || s.getClientRects().length), open: document.querySelectorAll("details[open]").length})""")
+        assert all(bottom < SHEET for bottom in closed["answer"])
+        assert closed["listed"]
+        assert closed["open"] == 0
+        chromium.run(_OPENED)
+        chromium.run("dispatchEvent(new Event('beforeprint'))")
+        opened = chromium.run(f"""({{cut: {_CUT}, small: {_SMALL},
+          high: [...document.querySelectorAll("figure")].map(f => f.getBoundingClientRect().height)}})""")
+        assert opened["cut"] == []
+        assert all(high < SHEET for high in opened["high"])
+    finally:
+        chromium.media()
+
+
+PAPER, SHEET = 688, 1000
+"""Width and height of the text on A4, pixels."""
+_CUT = """[...document.querySelectorAll("main *")].filter(e => e.getClientRects().length && !e.closest("svg")
+  && e.getBoundingClientRect().right > innerWidth + 1).map(e => e.tagName + ": " + e.textContent.slice(0, 40))"""
+
+
+@browser
+def test_a_fit_of_six_parameters_prints_on_four_sheets(reports: Reports, chromium: Browser) -> None:
+    chromium.size(1400, 900)
+    chromium.go((reports.folder / "identify.html").as_uri(), _DRAWN)
+    printed = chromium.pdf()
+    assert 1 <= len(re.findall(rb"/Type\s*/Page\b", printed)) <= 4
+    boxes = re.findall(rb"/MediaBox \[0 0 ([\d.]+) ([\d.]+)\]", printed)
+    assert {(round(float(w)), round(float(h))) for w, h in boxes} == {(595, 842)}, "A4"
+    pictures = [p for p in images_of(printed) if p.shape[1] > 300]
     assert pictures
     grey = pictures[0].reshape(-1, 3).astype(int)
-    yellow = int((grey[:, 0] - grey[:, 2] > 80).sum())
-    assert yellow > 1000, "no arm in the picture on paper"
+    assert int((grey[:, 0] - grey[:, 2] > 80).sum()) > 1000, "no arm in the picture on paper"
 
 
 def images_of(pdf: bytes) -> list[np.ndarray]:

@@ -48,6 +48,6 @@ def test_causes_that_look_alike_stand_side_by_side() -> None:
     np.fill_diagonal(angles, np.nan)
     a, b = np.flatnonzero(group == 0)[0], np.flatnonzero(group == 5)[0]
     angles[a, b] = angles[b, a] = np.deg2rad(179.0)  # two that can only grow may point away from each other
-    shown = [int(name) for name in angle_figure([str(k) for k in range(21)], angles).data[0]["x"]]
+    shown = [int(name) for name in angle_figure([str(k) for k in range(21)], angles, "").figure.data[0]["x"]]
     assert sorted(shown) == list(range(21))
     assert int(np.count_nonzero(np.diff(group[shown]))) == 5

@@ -2,22 +2,53 @@
 const every = (what, do_) => document.querySelectorAll(what).forEach(do_);
 const plain = text => new DOMParser().parseFromString(text, "text/html").documentElement.textContent;
 const tied = new Set([...document.querySelectorAll("iframe[data-page]")].flatMap(f => JSON.parse(f.dataset.poses)));
+const dark = matchMedia("(prefers-color-scheme: dark)"), PAPER = 684;
+// A plot as the page stands: light or dark, of the width that a plot has on paper, never higher than a sheet.
+function content(div, paper) {
+  const {data, layout} = JSON.parse(document.getElementById(div.id + "-data").textContent);
+  delete layout.title;  // the page has it above, where it breaks and is read aloud
+  const width = paper ? (div.closest(".wide, .picture:only-child") ? PAPER : PAPER / 2 - 8) : div.clientWidth;
+  if (width < 480) for (const axis in layout) if (/^[xy]axis/.test(axis)) layout[axis].nticks = 6;
+  if (paper) Object.assign(layout, {width, height: Math.min(900, width < PAPER ? 0.85 * layout.height : layout.height)});
+  const look = layout.template.layout;
+  if (paper) look.font.size = look.xaxis.title.font.size = look.yaxis.title.font.size = 10;
+  for (const note of layout.annotations || []) if (paper && note.font) note.font.size = 10;
+  if (dark.matches && !paper) {
+    look.font.color = "#e4e7ea";
+    for (const axis of [look.xaxis, look.yaxis]) Object.assign(axis, {gridcolor: "#353c43", zerolinecolor: "#59626b"});
+    for (const trace of data) for (const part of [trace.marker, trace.line]) if (part && part.color === "#000000") part.color = "#fff";
+  }
+  return [data, layout];
+}
 function draw(div) {
   if (!div.checkVisibility()) return;
   if (div.dataset.drawn) { Plotly.Plots.resize(div); return; }
   div.dataset.drawn = "yes";
-  const {data, layout} = JSON.parse(document.getElementById(div.id + "-data").textContent);
-  delete layout.title;  // the page has it above, where it breaks and is read aloud
-  if (div.clientWidth < 480) for (const axis in layout) if (/^[xy]axis/.test(axis)) layout[axis].nticks = 6;
-  Plotly.newPlot(div, data, layout, {displaylogo: false, responsive: true});
-  div.on("plotly_afterplot", () => div.querySelectorAll(".modebar-btn").forEach(button => button.tabIndex = -1));
+  Plotly.newPlot(div, ...content(div), {displaylogo: false, responsive: true});
+  const named = () => {
+    div.querySelectorAll(".modebar-btn").forEach(button => button.tabIndex = -1);
+    div.querySelectorAll("svg").forEach(svg => svg.setAttribute("aria-hidden", "true"));
+    const first = div.querySelector("svg.main-svg"), title = div.closest(".picture").querySelector("h3");
+    first.removeAttribute("aria-hidden");
+    first.setAttribute("role", "img");
+    first.setAttribute("aria-label", title ? title.textContent : "plot");
+  };
+  named();
+  div.on("plotly_afterplot", named);
   div.on("plotly_click", at => {
     const pose = plain(String(at.points[0].customdata));
     if (tied.has(pose)) choose(pose);
   });
 }
 const drawAll = () => every(".plotly-graph-div", draw);
+const redraw = paper => every(".plotly-graph-div[data-drawn]", div => {
+  const [data, layout] = content(div, paper);
+  div.style.height = layout.height + "px";
+  Plotly.react(div, data, layout);
+});
 addEventListener("toggle", drawAll, true);
+dark.addEventListener("change", () => redraw(false));
+every("#unfold", button => button.onclick = () => every("details", part => part.open = true));
 drawAll();
 
 // A link to a folded part opens it.
@@ -77,13 +108,9 @@ every("tr[data-pose]", row => {
   row.onclick = () => choose(row.dataset.pose);
 });
 
-// On paper everything stands open, plots are as wide as the paper, and scenes are pictures of what they show now.
-let closed = [];
+// On paper plots are as wide as the paper, and scenes are pictures of what they show now.
 addEventListener("beforeprint", () => {
-  closed = [...document.querySelectorAll("details.printed:not([open])")];
-  closed.forEach(part => part.open = true);
-  drawAll();
-  every(".plotly-graph-div", div => Plotly.relayout(div, {width: 680}));
+  redraw(true);
   every("iframe[data-page]", frame => {
     const seen = frame.contentDocument && frame.contentDocument.querySelector("canvas");
     const paper = frame.parentElement.querySelector("canvas");
@@ -93,7 +120,4 @@ addEventListener("beforeprint", () => {
     paper.getContext("2d").drawImage(seen, 0, 0);
   });
 });
-addEventListener("afterprint", () => {
-  closed.forEach(part => part.open = false);
-  every(".plotly-graph-div[data-drawn]", div => Plotly.relayout(div, {width: null, autosize: true}));
-});
+addEventListener("afterprint", () => redraw(false));
