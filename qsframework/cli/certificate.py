@@ -25,7 +25,7 @@ def run_certificate(
     """Certify a fit, say its main numbers, and write the page."""
     from qsframework.applications.certificate import certify, read_meta
     from qsframework.identify import read_fit
-    from qsframework.report.certificate_page import MISSING, heads, write_certificate
+    from qsframework.report.certificate_page import heads, write_certificate
     from qsframework.report.words.certificate import conformity_words
     from qsframework.report.words.validation import validation_words
 
@@ -44,7 +44,7 @@ def run_certificate(
         print_folded(said)
     for note in found.notes:
         print_folded(f"note: {note}")
-    left = [f"{title.lower()}: {name}" for title, part in heads(found) for name, value in part if value == MISSING]
+    left = [f"{title.lower()}: {name}" for title, part in heads(found) for name, value in part if not value]
     if left:
         print_folded(
             f"note: printed as not stated: {', '.join(left)}. --meta states them; --template writes such a file"

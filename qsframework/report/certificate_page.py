@@ -1,4 +1,4 @@
-"""A certificate as one HTML file that prints on a few A4 pages."""
+"""A certificate: a report whose first sheet holds the result, and which is signed on its last."""
 
 from __future__ import annotations
 
@@ -10,9 +10,13 @@ import numpy as np
 
 from qsframework.applications.certificate import COVERAGE, Certificate, Quantity
 from qsframework.files import sha256
-from qsframework.report.printed import write_page
+from qsframework.report.blocks import Block, Lines, Mark, ReportTable, Section, Text, Verdict
+from qsframework.report.fit_plots import distribution_figure
+from qsframework.report.page import write_report
+from qsframework.report.plots import GREY
 from qsframework.report.provenance import robot_files
 from qsframework.report.words.certificate import (
+    RESULTS,
     RULES,
     SOURCES,
     assumed_words,
@@ -21,50 +25,114 @@ from qsframework.report.words.certificate import (
 )
 from qsframework.report.words.sizes import shown
 
-MISSING = "not stated"
-_WIDTH, _HEIGHT, _LEFT, _BELOW = 640, 190, 44, 34
 _KELVIN = 273.15
+_MARKS = {True: Mark.GOOD, False: Mark.BAD, None: Mark.LOOK}
 
 
 def write_certificate(path: str | Path, found: Certificate) -> Path:
     """Write the certificate, all or nothing, and return its path."""
-    import jinja2
+    title = f"Calibration certificate: {found.experiment.robot.title}"
+    return write_report(path, title, _sections(found), _result(found))
 
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("qsframework.report"), autoescape=True, undefined=jinja2.StrictUndefined
+
+def _result(found: Certificate) -> Verdict:
+    """The box on top: whether the robot conforms, its error, and the uncertainty of what is corrected by the fit."""
+    c = found.conformity
+    before, after = found.validation.whole.summary(before=True)[1], found.validation.whole.summary()[1]
+    numbers = [
+        (f"{1e3 * after:.3f} mm", "3D error, 95 % of held-out readings within"),
+        (f"{1e3 * before:.3f} mm", "the same before calibration"),
+        (f"{1e3 * COVERAGE * found.corrected:.3f} mm", f"U of a corrected {found.fit.account.quantity}, k = 2"),
+    ]
+    if c is None:
+        return Verdict(Mark.LOOK, RESULTS["open"], conformity_words(c), tuple(numbers))
+    word = {True: "conforms", False: "fails", None: "undecided"}[c.holds]
+    numbers.append((f"{1e3 * c.tolerance:.3f} mm", "tolerance"))
+    return Verdict(_MARKS[c.holds], RESULTS[word], f"{conformity_words(c)} {RULES[c.rule]}", tuple(numbers))
+
+
+def _sections(found: Certificate) -> list[Section]:
+    """Scope, errors, budget, parameters, conditions, files and signatures."""
+    scope = tuple(Text(said) for said in found.fit.account.scope())
+    remarks = " ".join(filter(None, (found.meta.remarks, *(f"{note}." for note in found.notes))))
+    files = dict.fromkeys([*found.files, *robot_files(found.experiment.robot)])
+    hashes = tuple((p.name, sha256(p)) for p in files)
+    software = f"Computed by qsframework {version('qsframework')}. The same files give the same certificate."
+    return [
+        Section("What was measured", (*scope, Lines(tuple(_conditions(found))))),
+        Section(f"Error of the {found.fit.account.quantity} before and after calibration", _errors(found)),
+        Section(f"Uncertainty of a corrected {found.fit.account.quantity}", _budget(found)),
+        Section("Parameters", (_parameters(found),)),
+        Section(
+            "What was assumed",
+            (Lines(tuple(("", said) for said in assumed_words(found))), *((Text(remarks),) if remarks else ())),
+        ),
+        Section("Files", (ReportTable(("file", "SHA-256"), hashes, software),)),
+        Section("Signatures", (ReportTable(("date", "operator", "approved by"), (("", "", ""),)),)),
+    ]
+
+
+def _conditions(found: Certificate) -> list[tuple[str, str]]:
+    """What is stated of the calibration, the robot and the instrument, and in one line what is not."""
+    parts = heads(found)
+    out = [(f"{title}:", "; ".join(f"{name} {value}" for name, value in part if value)) for title, part in parts]
+    left = [(title.lower(), [name for name, value in part if not value]) for title, part in parts]
+    missing = [f"{title}: {', '.join(names)}" for title, names in left if names]
+    if not found.arrivals:
+        missing.append("AP and RP by ISO 9283, for no position was measured twice at one pose and load")
+    return [*(row for row in out if row[1]), *([("Not stated:", "; ".join(missing))] if missing else [])]
+
+
+def _errors(found: Certificate) -> tuple[Block, ...]:
+    """The 3D error before and after, as numbers and as a distribution; accuracy by ISO 9283 where it was measured."""
+    quantity, whole = found.fit.account.quantity, found.validation.whole
+    pairs = zip(whole.summary(before=True), whole.summary(), strict=True)
+    names = ("mean", "95 % of the readings within", "maximum")
+    rows = tuple((name, f"{1e3 * b:.3f}", f"{1e3 * a:.3f}") for name, (b, a) in zip(names, pairs, strict=True))
+    said = (
+        f"{held_out_words(found)} The error is the distance in space between the measured and the predicted "
+        f"{quantity}; before: of the arm with the values that it had before these readings, in best-fit frames."
     )
-    page = environment.get_template("certificate.html.j2").render(
-        title=f"Calibration certificate: {found.experiment.robot.title}",
-        missing=MISSING,
-        heads=heads(found),
-        verdict=conformity_words(found.conformity),
-        decision="" if found.conformity is None else RULES[found.conformity.rule],
-        held_out=held_out_words(found),
-        quantity=found.fit.account.quantity,
-        scope=found.fit.account.scope(),
-        accuracy=accuracy(found),
-        picture=_distribution(found),
-        arrivals=arrivals(found),
-        parameters=[parameter_row(q) for q in found.quantities],
-        budget=budget(found),
-        corrected=f"{1e3 * COVERAGE * found.corrected:.3f}",
-        assumed=assumed_words(found),
-        remarks=" ".join(filter(None, (found.meta.remarks, *(f"{note}." for note in found.notes)))),
-        hashes=[(p.name, sha256(p)) for p in dict.fromkeys([*found.files, *robot_files(found.experiment.robot)])],
-        software=f"qsframework {version('qsframework')}",
+    picture = distribution_figure({"before": whole.distances(before=True), "after": whole.distances()})
+    if found.conformity is not None:
+        tolerance = 1e3 * found.conformity.tolerance
+        picture.figure.add_vline(tolerance, line={"color": GREY}, annotation_text="tolerance")
+    again = arrivals(found)
+    iso = "By ISO 9283, which asks for 30 arrivals at each pose; the numbers are of as many as were measured."
+    table = (ReportTable(("poses that were reached again", ""), tuple(again), iso),) if again else ()
+    return (ReportTable(("3D error, mm", "before", "after"), rows, said), picture, *table)
+
+
+def _parameters(found: Certificate) -> ReportTable:
+    """Each parameter with its expanded uncertainty, and the stiffness where there is one."""
+    rows = [parameter_row(q) for q in found.quantities]
+    header = ["parameter", "value ± U (k = 2)", "stiffness ± U (k = 2)", "remark"]
+    kept = [k for k in range(4) if k != 2 or any(row[2] for row in rows)]
+    return ReportTable(tuple(header[k] for k in kept), tuple(tuple(row[k] for k in kept) for row in rows))
+
+
+def _budget(found: Certificate) -> tuple[Block, ...]:
+    """Source, how it is known, standard uncertainty mm, share of the variance; and what they come to."""
+    whole = sum(s.standard**2 for s in found.budget) or 1.0
+    rows = tuple(
+        (*SOURCES[s.source], f"{1e3 * s.standard:.4f}", f"{100 * s.standard**2 / whole:.0f} %") for s in found.budget
     )
-    return write_page(path, page)
+    said = (
+        f"A corrected {found.fit.account.quantity}, without the instrument that checks it: "
+        f"U = {1e3 * COVERAGE * found.corrected:.3f} mm in space, k = 2 (about 95 %)."
+    )
+    return (ReportTable(("source", "known from", "standard, mm", "share"), rows, said),)
 
 
 def heads(found: Certificate) -> list[tuple[str, list[tuple[str, str]]]]:
-    """Titles and rows of what the certificate is of; what is not stated says so."""
+    """Titles and rows of what the certificate is of; "" for what is not stated."""
     meta, robot = found.meta, found.meta.robot
     c, i = meta.calibration, meta.instrument
     recorded = found.temperature
     temperature = meta.temperature
     if not temperature and recorded is not None:
         temperature = f"{recorded[0] - _KELVIN:.1f} to {recorded[1] - _KELVIN:.1f} °C, as recorded"
-    rows: list[tuple[str, list[tuple[str, str]]]] = [
+    return [
         (
             "Calibration",
             [
@@ -100,20 +168,12 @@ def heads(found: Certificate) -> list[tuple[str, list[tuple[str, str]]]]:
             ],
         ),
     ]
-    return [(title, [(name, value or MISSING) for name, value in part]) for title, part in rows]
 
 
 def _load(found: Certificate) -> str:
     """The heaviest load of the experiment, by its force."""
     forces = [float(np.linalg.norm(case.wrench[:3])) for case in found.experiment.loads]
     return f"up to {max(forces):.0f} N" if forces else ""
-
-
-def accuracy(found: Certificate) -> list[tuple[str, str, str]]:
-    """Mean, 95 % and maximum of the 3D error before and after, mm."""
-    pairs = zip(found.validation.whole.summary(before=True), found.validation.whole.summary(), strict=True)
-    names = ("mean", "95 % of the readings within", "maximum")
-    return [(name, f"{1e3 * b:.3f}", f"{1e3 * a:.3f}") for name, (b, a) in zip(names, pairs, strict=True)]
 
 
 def arrivals(found: Certificate) -> list[tuple[str, str]]:
@@ -151,39 +211,3 @@ def pair(value: float, expanded: float, unit: str) -> str:
         return f"{value:.4g} {unit}, U not quoted"
     decimals = max(0, 1 - int(np.floor(np.log10(expanded))))
     return f"{value:.{decimals}f} ± {expanded:.{decimals}f} {unit}"
-
-
-def budget(found: Certificate) -> list[tuple[str, str, str, str]]:
-    """Source, how it is known, standard uncertainty mm, share of the variance."""
-    whole = sum(s.standard**2 for s in found.budget) or 1.0
-    return [
-        (*SOURCES[s.source], f"{1e3 * s.standard:.4f}", f"{100 * s.standard**2 / whole:.0f} %") for s in found.budget
-    ]
-
-
-def _distribution(found: Certificate) -> str:
-    """SVG: which share of the readings held out is below an error, before (dashed) and after."""
-    whole = found.validation.whole
-    curves = [(np.sort(whole.distances(before)) * 1e3, before) for before in (True, False)]
-    largest = max(float(c[-1]) for c, _ in curves) or 1.0
-    wide, high = _WIDTH - _LEFT - 10, _HEIGHT - _BELOW - 8
-
-    def at(x: float, share: float) -> str:
-        return f"{_LEFT + wide * x / largest:.1f},{8 + high * (1.0 - share):.1f}"
-
-    out = [f'<svg viewBox="0 0 {_WIDTH} {_HEIGHT}" role="img" aria-label="share of readings below an error">']
-    for share in (0.0, 0.5, 0.95):
-        y = 8 + high * (1.0 - share)
-        out.append(f'<line x1="{_LEFT}" x2="{_LEFT + wide}" y1="{y:.1f}" y2="{y:.1f}" class="grid"/>')
-        out.append(f'<text x="{_LEFT - 6}" y="{y + 4:.1f}" class="left">{100 * share:.0f} %</text>')
-    for x in np.linspace(0.0, largest, 5).tolist():
-        out.append(f'<text x="{_LEFT + wide * x / largest:.1f}" y="{_HEIGHT - 18}" class="mid">{x:.2g}</text>')
-    out.append(f'<text x="{_LEFT + wide / 2:.0f}" y="{_HEIGHT - 3}" class="mid">3D error, mm</text>')
-    for sizes, before in curves:
-        steps = " ".join(at(float(s), (k + 1) / len(sizes)) for k, s in enumerate(sizes))
-        out.append(f'<polyline points="{at(0.0, 0.0)} {steps}" class="{"before" if before else "after"}"/>')
-    if found.conformity is not None and 1e3 * found.conformity.tolerance < largest:
-        x = _LEFT + wide * 1e3 * found.conformity.tolerance / largest
-        out.append(f'<line x1="{x:.1f}" x2="{x:.1f}" y1="8" y2="{8 + high}" class="tolerance"/>')
-        out.append(f'<text x="{x + 4:.1f}" y="{high:.0f}">tolerance</text>')
-    return "".join([*out, "</svg>"])

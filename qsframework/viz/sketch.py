@@ -158,4 +158,4 @@ def _svg(drawn: Sequence[_Drawn], low: Array, size: Array) -> str:
         cells = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
         parts.append(f'<{"polygon" if d.closed else "polyline"} points="{cells}" style="{d.style}"/>')
     box = f"0 0 {width:.0f} {height:.0f}"
-    return f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{box}" role="img">{"".join(parts)}</svg>'
+    return f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{box}" aria-hidden="true">{"".join(parts)}</svg>'

@@ -17,8 +17,14 @@ SOURCES = {
     ),
 }
 RULES = {
-    "guarded": "error + U at most the tolerance proves, error - U above it disproves (guarded, ISO 14253-1)",
-    "simple": "the error alone decides (simple acceptance)",
+    "guarded": "Decision rule: error + U at most the tolerance proves, error - U above it disproves (ISO 14253-1).",
+    "simple": "Decision rule: the error alone decides (simple acceptance).",
+}
+RESULTS = {
+    "conforms": "Conforms",
+    "fails": "Does not conform",
+    "undecided": "Conformity is not decided",
+    "open": "Calibrated, without a tolerance",
 }
 
 
