@@ -90,7 +90,7 @@ def target_view(experiment: Experiment, result: Compensation, x: Array) -> Secti
     rows = tuple((n, *(f"{1e3 * v:+.4f}" for v in result.deflection[i, :3])) for n, i in zip(names, worst, strict=True))
     view = SceneView(
         show_scene(experiment, plan, x, commanded=result.reference == "commanded").html(),
-        f"The targets{'' if len(worst) == len(targets.name) else f' that are farthest off, {_MOST} of them'}; red: the "
+        f"The targets{'' if len(worst) == len(targets.name) else f' that are farthest off, {_MOST} of them'}; transparent: the "
         "arm under its load, 100 times exaggerated, at the identified parameters. Look whether the correction acts "
         "against what you see: the arm is told to stand as far on the other side.",
         ReportTable(

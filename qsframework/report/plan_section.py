@@ -128,8 +128,8 @@ def plan_view(experiment: Experiment, plan: Plan) -> SceneView:
     return SceneView(
         plan_scene(experiment, plan).html(),
         "Drag to turn, scroll to zoom; the slider goes through the poses in their order, the others are ghosts. Red "
-        "arrow: the load; blue: the markers; red arm: the deflection, 100 times exaggerated; orange: where the load "
-        "point goes under the largest force in any direction. Look for poses that give in different directions.",
+        "arrow: the load; blue: the markers; transparent arm: the deflection, 100 times exaggerated; orange: where the "
+        "load point goes under the largest force in any direction. Look for poses that give in different directions.",
         pose_table(plan, experiment.robot.controller.units),
         plan.pose,
     )

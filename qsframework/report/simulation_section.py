@@ -24,7 +24,7 @@ _LOOK = (
     "Look for poses whose bars are hardly above it: they tell nothing; and for markers that always move alike."
 )
 _SCENE = (
-    "The arm at every pose of the plan; red: deflected, 100 times exaggerated, by the full equilibrium at the "
+    "The arm at every pose of the plan; transparent: deflected, 100 times exaggerated, by the full equilibrium at the "
     "simulation's parameters. Look for poses in which another part of the arm gives than in most."
 )
 

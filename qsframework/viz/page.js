@@ -3,8 +3,14 @@ const {THREE} = MeshCat, at = id => document.getElementById(id);
 const viewer = new MeshCat.Viewer(at("view"));
 viewer.gui.domElement.remove();
 const set = (path, property, value) => viewer.set_property(path, property, value);
-set(["Background"], "top_color", [0.93, 0.95, 0.97]);
-set(["Background"], "bottom_color", [0.8, 0.83, 0.87]);
+const dark = matchMedia("(prefers-color-scheme: dark)");
+function ground(night) {
+  set(["Background"], "top_color", night ? [0.1, 0.11, 0.13] : [0.93, 0.95, 0.97]);
+  set(["Background"], "bottom_color", night ? [0.2, 0.22, 0.25] : [0.8, 0.83, 0.87]);
+  viewer.render();
+}
+ground(dark.matches);
+dark.addEventListener("change", () => ground(dark.matches));
 
 // What the scene is made of: solids, colours and whole parts of the tree stand in the page once, and are used again.
 const floats = text => new Float32Array(Uint8Array.from(atob(text), c => c.charCodeAt(0)).buffer);
@@ -23,6 +29,7 @@ const MAKE = {
 const solids = scene.solids.map(([kind, ...size]) => MAKE[kind](size));
 const paint = (colour, opacity) => new THREE.MeshPhongMaterial({
   color: colour, opacity, transparent: opacity < 1, depthWrite: opacity >= 0.3, side: THREE.DoubleSide, reflectivity: 0.5,
+  polygonOffset: opacity < 1, polygonOffsetFactor: 1, polygonOffsetUnits: 4,  // what lies in a solid's face stays behind it
 });
 const paints = scene.colours.map(([colour, opacity]) => paint(colour, opacity));
 function build(id) {
@@ -76,7 +83,6 @@ const said = [], numbers = [], glows = [];
 for (const [path, text, point, ink, step] of scene.texts) {
   const sprite = words(text, step ? "#fff" : ink, step ? ink : "#ffffffe8");
   sprite.position.set(...point);
-  if (!step) sprite.center.set(0.5, -0.35);
   sprite.userData.step = step;
   (step ? numbers : said).push(sprite);
   find(path).add(sprite);
@@ -119,12 +125,13 @@ function corners() {
 }
 function frame() {
   const width = innerWidth, height = innerHeight, eye = camera(), points = corners();
-  const left = at("facts").open && width > 640 ? at("facts").offsetWidth : 0, low = at("bar").offsetHeight + 10;
+  const left = at("facts").open && width > 640 ? at("facts").offsetWidth + 10 : 0, low = at("bar").offsetHeight + 10;
+  const top = at("told").open ? 0 : at("told").offsetHeight + 10, word = said.length ? 90 : 0;  // words stand out at the sides
   const middle = new THREE.Box3().setFromPoints(points).getCenter(new THREE.Vector3());
   const towards = up(new THREE.Vector3(...FROM[at("from").value])).normalize();
   const right = new THREE.Vector3(0, 1, 0).cross(towards).normalize(), high = towards.clone().cross(right);
   const tall = Math.tan(wide * Math.PI / 360), share = 0.9;
-  const [across, upwards] = [tall * share * (width - left) / height, tall * share * (height - low) / height];
+  const across = tall * share * (width - left - word) / height, upwards = tall * share * (height - low - top) / height;
   let far = 0.1;
   for (let round = 0; round < 5; round += 1) {  // what is near looks larger: the middle of the picture is not the box's
     far = 0.1;
@@ -138,11 +145,25 @@ function frame() {
   eye.fov = wide;
   eye.far = 20 * far;
   eye.aspect = width / height;
-  eye.setViewOffset(width, height, -left / 2, low / 2, width, height);
+  eye.setViewOffset(width, height, -left / 2, (low - top) / 2, width, height);
   eye.position.copy(middle).addScaledVector(towards, far);
   viewer.controls.target.copy(middle);
   viewer.controls.update();
+  partWords();
   viewer.set_dirty();
+}
+// Of the words that are seen the lowest stand below their points, the highest above, others to the right.
+function partWords() {
+  const seen = o => !o || (o.visible && seen(o.parent));
+  const place = s => s.getWorldPosition(new THREE.Vector3()).project(camera()).y;
+  camera().updateMatrixWorld();
+  camera().updateProjectionMatrix();
+  const order = said.filter(seen).map(s => [place(s), s]).sort((a, b) => b[0] - a[0]).map(pair => pair[1]);
+  order.forEach((s, k) => {
+    if (k === 0) s.center.set(0.5, -0.35);
+    else if (k === order.length - 1) s.center.set(0.5, 1.35);
+    else s.center.set(-0.15, 0.5);
+  });
 }
 function fitWords() {
   const unit = 2 * Math.tan(wide * Math.PI / 360) / innerHeight;
@@ -179,7 +200,7 @@ function show() {
     visible(step.path, now === 0 || now === i + 1);
     if (step.ghost) visible(step.ghost, on("ghosts") && now !== i + 1);
   });
-  for (const number of numbers) number.material.opacity = number.userData.step === now ? 1 : 0.55;
+  for (const number of numbers) number.visible = number.userData.step !== now;  // the panel says which is chosen
   at("label").textContent = !one ? "all" : (steps.length > 1 ? now + " of " + steps.length + ": " : "") + one.label;
   slider.setAttribute("aria-valuetext", at("label").textContent);
   cells(at("angles"), one ? one.angles : []);
@@ -322,7 +343,7 @@ at("view").addEventListener("pointerdown", e => { pressed = [e.clientX, e.client
 at("view").addEventListener("pointerup", e => {
   if (!pressed || Math.hypot(e.clientX - pressed[0], e.clientY - pressed[1]) > 4) return;
   ray.setFromCamera({x: 2 * e.clientX / innerWidth - 1, y: 1 - 2 * e.clientY / innerHeight}, camera());
-  const [hit] = ray.intersectObjects(numbers.filter(n => n.parent.visible));
+  const [hit] = ray.intersectObjects(numbers.filter(n => n.visible && n.parent.visible));
   if (hit) choose(hit.object.userData.step);
 });
 fitWords();

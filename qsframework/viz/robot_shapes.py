@@ -12,9 +12,11 @@ from qsframework.robot.mesh import coarser
 from qsframework.viz.meshes import Meshes, draw_meshes
 from qsframework.viz.scene import Colour, Scene, placed_at
 
-_BAR: Colour = (0.25, 0.3, 0.38, 1.0)
-_SPRING: Colour = (0.1, 0.45, 0.5, 1.0)
+_BAR: Colour = (0.3, 0.5, 0.8, 1.0)
+_SPRING: Colour = (0.05, 0.6, 0.6, 1.0)
 _BONE: Colour = (0.55, 0.57, 0.6, 1.0)
+_DEFLECTED: tuple[tuple[Colour, str], ...] = (((0.2, 0.75, 0.2, 1.0), "#0b5c1a"), ((0.85, 0.1, 0.65, 1.0), "#8f0066"))
+"""What the deflected arm may be drawn in, and the ink of its words."""
 _DRAWN = 3000
 """Most triangles of a mesh."""
 _THIN = 0.018
@@ -32,6 +34,12 @@ def link_frames(placed: Frames, i: int) -> Array:
 def reach(facts: RobotFacts) -> float:
     """Length (m) of the stretched arm: the distances of its joints added up."""
     return float(np.linalg.norm(facts.placements[1:, :3, 3], axis=1).sum()) or 1.0
+
+
+def deflected_look(robot: Robot) -> tuple[Colour, str]:
+    """The colour of the deflected arm that is farthest from all colours of the robot, and the ink of its words."""
+    own = np.array([s.rgba[:3] for s in (*robot.shapes, *robot.branch_shapes, *robot.meshes)] or [_BONE[:3]])
+    return max(_DEFLECTED, key=lambda look: float(np.linalg.norm(own - look[0][:3], axis=1).min()))
 
 
 def draw_robot(

@@ -18,12 +18,10 @@ from qsframework.viz.glow import Shares, draw_shares, shares, spots
 from qsframework.viz.limits import draw_limits, draw_obstacles, draw_sight
 from qsframework.viz.meshes import Meshes
 from qsframework.viz.residual_arrows import draw_residuals
-from qsframework.viz.robot_shapes import draw_robot, link_frames, reach
+from qsframework.viz.robot_shapes import deflected_look, draw_robot, link_frames, reach
 from qsframework.viz.scene import Colour, Facts, Scene, placed_at
 
 _MARKER: Colour = (0.1, 0.3, 0.9, 1.0)
-_DEFLECTED: Colour = (0.9, 0.35, 0.3, 1.0)
-_DEFLECTED_INK = "#a01010"
 _NUMBER = "#1d4f8c"
 _OPACITY = 0.45
 _STILL = 2e-3
@@ -96,6 +94,7 @@ class _Drawing:
         self.shares: Shares | None = None
         self.axes: Array | None = None
         self.meshes = Meshes(experiment.robot)
+        self.colour, self.ink = deflected_look(experiment.robot)
         notes = self.scene.notes
         notes += self.meshes.notes
         try:
@@ -109,7 +108,9 @@ class _Drawing:
             notes.append(f"No deflection is drawn: {error}.")
         if self.given is not None:
             start = "minus where a rigid arm would stand" if commanded else "minus unloaded"
-            notes.append(f"Red robot: the loaded arm, its deflection (full equilibrium, loaded {start}) x {scale:g}.")
+            notes.append(
+                f"Transparent robot: the loaded arm, its deflection (full equilibrium, loaded {start}) x {scale:g}."
+            )
             self.scene.factor = f", x {scale:g}"
         if self.shares is not None and self.shares.share.any():
             notes.append("Blue lights: the springs, as bright as their share of what the load point moves.")
@@ -166,18 +167,18 @@ class _Drawing:
         links = given.links(self.frames[i], i, self.scale)
         q = self.plan.q[i] + self.scale * given.angles[i, : self.plan.q.shape[1]]
         still = frozenset(np.flatnonzero(np.abs(links - self.frames[i]).max(axis=(1, 2)) < _STILL).tolist())
-        draw_robot(scene, where, self.experiment.robot, links, q, _OPACITY, _DEFLECTED, still, self.meshes)
+        draw_robot(scene, where, self.experiment.robot, links, q, _OPACITY, self.colour, still, self.meshes)
         points = [("tip", self.state.tip.position[:, i], given.tip[i])]
         points += [(f"marker_{k}", m.position[:, i], given.markers[i, k]) for k, m in enumerate(self.state.markers)]
         for name, start, moved in points:
             end = start + self.scale * moved
-            scene.sphere(f"{where}/{name}", 0.025, placed_at(end), _DEFLECTED)
-            scene.rod(f"{where}/{name}_way", start, end, 0.006, _DEFLECTED)
+            scene.sphere(f"{where}/{name}", 0.025, placed_at(end), self.colour)
+            scene.rod(f"{where}/{name}_way", start, end, 0.006, self.colour)
             scene.moves.append((f"{where}/{name}", placed_at(start), placed_at(end)))
         moved = self.scale * given.tip[i]
         scene.moves.append((f"{path}/load", np.eye(4), placed_at(moved)))
         size = 1e3 * float(np.linalg.norm(given.tip[i]))
-        scene.text(f"{where}/moved", f"{size:.3f} mm", self.state.tip.position[:, i] + moved, _DEFLECTED_INK)
+        scene.text(f"{where}/moved", f"{size:.3f} mm", self.state.tip.position[:, i] + moved, self.ink)
         scene.layer("deflected", where)
 
     def _sight(self, path: str, i: int) -> None:

@@ -5,18 +5,21 @@ from __future__ import annotations
 import json
 import threading
 from importlib.util import find_spec
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from chromium import Browser
 from headless import NO_HOST, SMALL, browser, console, open_page
 
 from qsframework.experiment import Experiment, Plan, make_plan
 from qsframework.plugin import Poses
 from qsframework.robot import load_robot, robot_names
-from qsframework.viz import Scene, SceneSite, robot_row, serve, show_scene
-from qsframework.viz.subject import one_pose
+from qsframework.viz import Scene, SceneSite, robot_row, robot_shapes, serve, show_scene
+from qsframework.viz.robot_shapes import deflected_look
+from qsframework.viz.subject import one_pose, robot_alone
 
 EVIL = "</script><script>document.title = 'taken'</script>"
 
@@ -76,6 +79,77 @@ def test_every_robot_fills_the_first_view_and_is_whole_in_it(tmp_path: Path) -> 
         assert max(right - left, high - low) > 0.5, name
         assert min(left, low) > 0.0, name
         assert max(right, high) < 1.0, name
+
+
+WORDS = """(() => {
+  const seen = o => !o || (o.visible && seen(o.parent)), box = new THREE.Vector3();
+  const words = said.filter(seen).map(s => {
+    s.getWorldPosition(box).project(camera());
+    const [w, h] = s.userData.pixels, x = (box.x + 1) / 2 * innerWidth, y = (1 - box.y) / 2 * innerHeight;
+    return [x - s.center.x * w, y - (1 - s.center.y) * h, w, h];
+  });
+  const panels = ["facts", "told", "bar"].map(id => at(id).getBoundingClientRect())
+    .map(r => [r.x, r.y, r.width, r.height]);
+  const tip = new THREE.Box3().setFromObject(find("poses/0/load"));
+  const ends = [tip.min, tip.max].map(v => v.project(camera()));
+  return {words, panels, ends: ends.map(v => [v.x, v.y])};
+})()"""
+GHOST = f"""{PIXELS} (() => {{
+  const ghost = find("poses/0/deflected"), [full, w, h] = read();
+  ghost.visible = false;
+  const [bare] = read();
+  ghost.visible = true;
+  let apart = 0;
+  for (let i = 0; i < full.length; i += 4)
+    if (Math.abs(full[i] - bare[i]) + Math.abs(full[i + 1] - bare[i + 1]) + Math.abs(full[i + 2] - bare[i + 2]) > 70)
+      apart += 1;
+  return apart;
+}})()"""
+
+
+@browser
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_words_arrows_and_the_deflected_arm_are_seen_on_every_robot(tmp_path: Path, scheme: str) -> None:
+    """No word under a panel, out of the view or over another; the deflected arm differs from all that is behind it."""
+    with Browser(tmp_path / "profile", "about:blank", own="file://") as chromium:
+        chromium.size(800, 600)
+        chromium.media(scheme=scheme)
+        for name in sorted(robot_names()):
+            experiment = robot_alone(load_robot(name), np.array([0.2, 0.0, 0.1]))
+            arm = experiment.robot.controller
+            pose = np.clip(np.resize(np.deg2rad([10.0, 20.0, -10.0, 20.0, 60.0, 10.0]), arm.axes), arm.lower, arm.upper)
+            subject = one_pose(experiment, pose, None)
+            page = tmp_path / "page.html"
+            page.write_text(show_scene(experiment, subject).html())
+            chromium.go(f"{page.as_uri()}?{name}", "document.readyState === 'complete' && typeof find === 'function'")
+            found = chromium.run(WORDS)
+            assert len(found["words"]) == 2, name
+            assert not [w for w in found["words"] if w[0] < 0 or w[1] < 0 or w[0] + w[2] > 800 or w[1] + w[3] > 600], (
+                name
+            )
+            boxes = [*found["words"], *found["panels"]]
+            assert not [(a, b) for a in found["words"] for b in boxes if a is not b and overlap(a, b)], name
+            assert np.abs(found["ends"]).max() < 1.0, name
+            assert chromium.run(GHOST) > 300, name
+        assert chromium.errors == []
+        assert chromium.foreign == []
+
+
+def overlap(a: list[float], b: list[float]) -> bool:
+    """Whether two boxes (left, top, width, height) lie over each other by more than a pixel."""
+    return all(min(a[k] + a[k + 2], b[k] + b[k + 2]) - max(a[k], b[k]) > 1.0 for k in range(2))
+
+
+def test_the_parts_of_every_robot_differ_in_colour() -> None:
+    """Solids, bars, balancers and the deflected arm, also where it lies over a solid."""
+    for name in sorted(robot_names()):
+        robot = load_robot(name)
+        own = {tuple(s.rgba[:3]) for s in (*robot.shapes, *robot.branch_shapes)}
+        deflected = np.array(deflected_look(robot)[0][:3])
+        parts = [np.array(c) for c in (*own, robot_shapes._BAR[:3], robot_shapes._SPRING[:3])]
+        apart = [float(np.linalg.norm(a - b)) for a, b in combinations([*parts, deflected], 2)]
+        assert min(apart) > 0.2, name
+        assert min(0.45 * float(np.linalg.norm(deflected - solid)) for solid in parts) > 0.2, name
 
 
 @pytest.fixture(scope="module")

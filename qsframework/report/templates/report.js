@@ -113,6 +113,7 @@ addEventListener("beforeprint", () => {
   redraw(true);
   every("iframe[data-page]", frame => {
     const seen = frame.contentDocument && frame.contentDocument.querySelector("canvas");
+    if (dark.matches && seen) frame.contentWindow.ground(false);
     const paper = frame.parentElement.querySelector("canvas");
     if (!seen || !seen.width) return;
     paper.width = seen.width;
