@@ -56,8 +56,8 @@ def _view(robot: str, pose: str, load: str, point: str, shares: ReportTable) -> 
 
     return SceneView(
         make_scene(Shown(subject=robot, pose=pose, load=load, point=point)).html(),
-        "Transparent: the loaded arm, its deflection 100 times exaggerated. Orange: where the load point goes under this "
-        "force in any direction; look for the long axis, in which the arm is soft. Drag to turn, scroll to zoom.",
+        "Transparent: the loaded arm, its deflection 100 times exaggerated. Orange: where the load point goes under "
+        "this force in any direction; look for the long axis, in which the arm is soft. Drag to turn, scroll to zoom.",
         shares,
     )
 

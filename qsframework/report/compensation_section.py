@@ -7,13 +7,17 @@ import html
 import numpy as np
 
 from qsframework.applications.compensate import Compensation
+from qsframework.applications.inverse import rigid_tip
+from qsframework.applications.stiffness import spring_shares
 from qsframework.experiment import Experiment, make_plan
 from qsframework.plugin import Array, Poses
 from qsframework.report.blocks import Figure, ReportTable, SceneView, Section, Text
-from qsframework.report.plots import AFTER, BEFORE, blank, log_axis, plotted
+from qsframework.report.plots import AFTER, BEFORE, COLOURS, blank, log_axis, plotted
 
 _MOST = 24
 """Targets in the scene."""
+_SMALL = 0.01
+"""Share of the deflection below which a spring is not drawn."""
 
 
 def target_table(result: Compensation) -> ReportTable:
@@ -78,24 +82,62 @@ def compensation_section(result: Compensation) -> Section:
 
 
 def target_view(experiment: Experiment, result: Compensation, x: Array) -> Section:
-    """The targets that are farthest off without a correction, with their load, at the fitted parameters x."""
+    """The targets that are farthest off without a correction, before and after it in 3D, and which springs give there,
+    at the fitted parameters x."""
     from qsframework.viz import show_scene
+    from qsframework.viz.target_arrows import draw_targets
 
-    targets = result.targets
+    targets, arm = result.targets, experiment.robot.controller
     worst = np.sort(np.argsort(-result.size, kind="stable")[:_MOST])
     names = [targets.name[int(i)] for i in worst]
-    pendant = targets.pendant[worst]
-    poses = Poses(pendant, experiment.robot.controller.to_joints(pendant), targets.wrench[worst])
-    plan = make_plan(poses, [""] * len(worst), names=names)
-    rows = tuple((n, *(f"{1e3 * v:+.4f}" for v in result.deflection[i, :3])) for n, i in zip(names, worst, strict=True))
+    poses = Poses(targets.pendant, arm.to_joints(targets.pendant), targets.wrench)
+    plan = make_plan(poses.take(worst), [""] * len(worst), names=names)
+    scene = show_scene(experiment, plan, x, commanded=result.reference == "commanded")
+    stood = rigid_tip(experiment.robot, experiment.load_site, plan.q).position
+    moved = result.command.position[worst] - stood
+    enlarged = draw_targets(scene, stood, result.deflection[worst, :3], moved, result.covariance[worst, :3, :3])
+    rows = tuple(
+        (n, *(f"{1e3 * v:+.4f}" for v in (*result.deflection[i, :3], *move)))
+        for n, i, move in zip(names, worst, moved, strict=True)
+    )
     view = SceneView(
-        show_scene(experiment, plan, x, commanded=result.reference == "commanded").html(),
-        f"The targets{'' if len(worst) == len(targets.name) else f' that are farthest off, {_MOST} of them'}; transparent: the "
-        "arm under its load, 100 times exaggerated, at the identified parameters. Look whether the correction acts "
-        "against what you see: the arm is told to stand as far on the other side.",
+        scene.html(),
+        f"The targets{'' if len(worst) == len(targets.name) else f' that are farthest off, {_MOST} of them'}. Red "
+        "arrows: where the tool stands without a correction; green: how far the command is moved; transparent: the arm "
+        "under its load; all 100 times enlarged. Blue ellipsoids: the error to be expected after the correction "
+        f"(k = 2), {enlarged:.0f} times enlarged. Look for a long one: in its direction more readings would help.",
         ReportTable(
-            ("pose", "off x mm", "off y mm", "off z mm"), rows, "Where the uncorrected tool stands, base frame."
+            ("pose", *(f"{what} {axis} mm" for what in ("off", "moved") for axis in "xyz")),
+            rows,
+            "Where the uncorrected tool stands, and how far the command is moved; base frame.",
         ),
         tuple(names),
     )
-    return Section("In 3D", (view,))
+    return Section("In 3D", (view, *_by_joint(experiment, result, poses, x)))
+
+
+def _by_joint(experiment: Experiment, result: Compensation, poses: Poses, x: Array) -> tuple[Figure, ...]:
+    """What each spring adds to the deflection under load along the targets, in their order."""
+    from qsframework.viz.glow import shares
+
+    if not poses.wrench.any():
+        return ()
+    found = shares(experiment.model(), poses, x)
+    size = 1e3 * np.linalg.norm(spring_shares(experiment.model(), poses, x).sum(axis=1), axis=1)
+    parts = found.share * size[:, None]
+    order = np.argsort(-np.abs(parts).max(axis=0), kind="stable")
+    most, rest = order[: len(COLOURS) - 1], order[len(COLOURS) - 1 :]
+    drawn = [(found.names[int(k)], parts[:, k]) for k in most if np.abs(found.share[:, k]).max() > _SMALL]
+    if len(rest):
+        drawn.append((f"{len(rest)} others", parts[:, rest].sum(axis=1)))
+    names = [html.escape(name) for name in result.targets.name]
+    figure = blank("Deflection under load by spring", "target", "mm, along the deflection")
+    for k, (name, values) in enumerate(drawn):
+        look = {"color": COLOURS[k]}
+        figure.add_bar(x=names, y=plotted(values), name=html.escape(name), marker=look, customdata=names)
+    figure.update_layout(barmode="relative", xaxis={"type": "category"})
+    caption = (
+        "What each spring adds to the deflection of the load point, by the linear model, in the order of the targets. "
+        "Look which spring makes most of it: stiffness is gained there, or a pose that loads it less."
+    )
+    return (Figure(figure, caption),)

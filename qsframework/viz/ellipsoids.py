@@ -20,10 +20,10 @@ def half_axes(model: Model, poses: Poses, x: Array | None, force: float) -> Arra
     return np.asarray(U * (force * size)[:, None, :], dtype=np.float64)
 
 
-def draw_ellipsoid(scene: Scene, path: str, centre: Array, axes: Array, scale: float) -> None:
+def draw_ellipsoid(scene: Scene, path: str, centre: Array, axes: Array, scale: float, colour: Colour = COLOUR) -> None:
     """The half axes (3, 3) about a point (3,), exaggerated; nothing where nothing gives."""
     size = np.linalg.norm(axes, axis=0)
     if size.max() <= 0.0:
         return
     least = np.maximum(_SMALLEST * size.max() / np.maximum(size, 1e-300), 1.0)
-    scene.ellipsoid(path, centre, scale * axes * least, COLOUR)
+    scene.ellipsoid(path, centre, scale * axes * least, colour)

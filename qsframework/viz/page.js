@@ -5,8 +5,8 @@ viewer.gui.domElement.remove();
 const set = (path, property, value) => viewer.set_property(path, property, value);
 const dark = matchMedia("(prefers-color-scheme: dark)");
 function ground(night) {
-  set(["Background"], "top_color", night ? [0.1, 0.11, 0.13] : [0.93, 0.95, 0.97]);
-  set(["Background"], "bottom_color", night ? [0.2, 0.22, 0.25] : [0.8, 0.83, 0.87]);
+  set(["Background"], "top_color", night ? [0.18, 0.2, 0.23] : [0.93, 0.95, 0.97]);
+  set(["Background"], "bottom_color", night ? [0.32, 0.35, 0.39] : [0.8, 0.83, 0.87]);
   viewer.render();
 }
 ground(dark.matches);

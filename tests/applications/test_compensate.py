@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 from qsframework.applications.compensate import Compensation, compensate, tip_slope
 from qsframework.applications.inverse import TipPose, pose_error, rigid_tip
+from qsframework.applications.stiffness import spring_shares
 from qsframework.applications.targets import Targets, flange_pose, joint_targets, read_targets
 from qsframework.cli.main import app
 from qsframework.elastostatics import equilibrium, make_model
@@ -30,6 +31,10 @@ from qsframework.experiment import (
 )
 from qsframework.identify import FitRecord, identify, read_fit, write_fit
 from qsframework.plugin import Array, Poses
+from qsframework.report.blocks import Figure, SceneView
+from qsframework.report.compensation_section import target_view
+from qsframework.viz import Scene
+from qsframework.viz.target_arrows import draw_targets
 from tests.identify.records import record, with_values
 
 MEASURED = np.array([0.0, 1500.0, -4000.0, 0.0, 0.0, 0.0])
@@ -113,14 +118,38 @@ def stored(experiment: Experiment, readings: Readings, folder: Path, linear: boo
 
 @pytest.mark.parametrize("reference", ["commanded", "unloaded"])
 def test_the_view_bends_the_arm_by_what_the_table_says(m900ib: Experiment, targets: Targets, reference: str) -> None:
-    from qsframework.report.blocks import SceneView
-    from qsframework.report.compensation_section import target_view
-
     result = compensate(m900ib, exact_fit(m900ib), targets, reference)
-    ((view,),) = (target_view(m900ib, result, m900ib.model().nominal).blocks,)
+    view = target_view(m900ib, result, m900ib.model().nominal).blocks[0]
     assert isinstance(view, SceneView)
     for size in result.size:
         assert f'"{1e3 * size:.3f} mm"' in view.page
+
+
+def test_arrows_and_ellipsoids_have_the_size_of_what_they_stand_for() -> None:
+    scene = Scene(title="")
+    before, moved = np.array([[3e-3, 0.0, 0.0]]), np.array([[0.0, 0.0, -2e-3]])
+    covariance = np.diag([4e-10, 1e-10, 0.25e-10])[None]
+    enlarged = draw_targets(scene, np.array([[1.0, 2.0, 3.0]]), before, moved, covariance)
+    assert np.allclose(scene.placed["targets/0/before/head"][:3, 3], [1.3, 2.0, 3.0])
+    assert np.allclose(scene.placed["targets/0/command/head"][:3, 3], [1.0, 2.0, 2.8])
+    half = np.sort(np.linalg.norm(scene.placed["targets/0/left"][:3, :3], axis=0))
+    assert np.allclose(half, enlarged * 2.0 * np.array([0.5e-5, 1e-5, 2e-5]))
+    assert half.max() == pytest.approx(0.12)
+
+
+def test_the_springs_add_up_to_the_deflection(m900ib: Experiment, targets: Targets) -> None:
+    x = m900ib.model().nominal
+    result = compensate(m900ib, exact_fit(m900ib), targets)
+    view, springs = target_view(m900ib, result, x).blocks
+    assert isinstance(view, SceneView)
+    assert isinstance(springs, Figure)
+    poses = Poses(targets.pendant, m900ib.robot.controller.to_joints(targets.pendant), targets.wrench)
+    whole = 1e3 * np.linalg.norm(spring_shares(m900ib.model(), poses, x).sum(axis=1), axis=1)
+    drawn = np.sum([bar.y for bar in springs.figure.data], axis=0)
+    assert drawn == pytest.approx(whole, rel=0.02)
+    moved = 1e3 * (result.command.position - rigid_tip(m900ib.robot, m900ib.load_site, poses.q).position)
+    rows = {row[0]: [float(cell) for cell in row[4:]] for row in view.table.rows}
+    assert np.allclose([rows[name] for name in rows], moved[[targets.name.index(n) for n in rows]], atol=1e-4)
 
 
 def test_the_expected_error_is_the_one_found_in_simulation(m900ib: Experiment, tmp_path: Path) -> None:
