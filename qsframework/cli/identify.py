@@ -29,7 +29,7 @@ class FitFiles:
     urdf: Path | None = None
     states: str | None = None
     anyway: bool = False
-    beside: Path | None = None
+    compare: Path | None = None
 
     @property
     def outputs(self) -> tuple[Path | None, ...]:
@@ -59,8 +59,8 @@ def run_identify(files: FitFiles, fit: list[str] | None, options: FitOptions, cl
 
     experiment = load_experiment(files.experiment)
     sources = readings_files(experiment, files.data)
-    other = _beside(files.beside, experiment)
-    inputs = [files.experiment, *sources, *([files.beside] if files.beside else [])]
+    other = _other(files.compare, experiment)
+    inputs = [files.experiment, *sources, *([files.compare] if files.compare else [])]
     distinct_outputs(files.outputs, inputs)
     masks = None
     with steps("identify", "readings", "fit", "verdict") as begins:
@@ -82,7 +82,7 @@ def run_identify(files: FitFiles, fit: list[str] | None, options: FitOptions, cl
     if files.report is not None:
         from qsframework.report.results import report
 
-        print(f"report: {report(result, files.report, experiment, readings, files=inputs, beside=other)}")
+        print(f"report: {report(result, files.report, experiment, readings, files=inputs, before=other)}")
     if result.account.positions:
         kept = "" if files.json is not None else "keep the fit with --json fit.json, then "
         print(f"next: {kept}{' '.join(['qsf diagnose', *map(str, (files.experiment, *files.data))])}")
@@ -93,8 +93,8 @@ def _asked(experiment: Experiment, fit: list[str] | None) -> Experiment:
     return experiment if fit is None else experiment.with_(fit=tuple(fit))
 
 
-def _beside(path: Path | None, experiment: Experiment) -> FitRecord | None:
-    """Another fit of the same robot."""
+def _other(path: Path | None, experiment: Experiment) -> FitRecord | None:
+    """The fit of another campaign of the same robot."""
     if path is None:
         return None
     from qsframework.identify import read_fit
@@ -107,24 +107,20 @@ def _beside(path: Path | None, experiment: Experiment) -> FitRecord | None:
 
 def _tell(result: Fit, verdict: Verdict, other: FitRecord | None) -> None:
     """What comes first, the verdict, the tables and the notes."""
-    from qsframework.report.fit_section import (
-        beside_table,
-        error_tables,
-        fit_table,
-        interval_tables,
-        left_aside_table,
-    )
+    from qsframework.report.fit_section import error_tables, fit_table, interval_tables, left_aside_table
+    from qsframework.report.moved_section import moved_table, moved_words
     from qsframework.report.words.fit import alignment_words, first_words, verdict_words
 
     for line in first_words(result):
         print_folded(line)
     print_verdict(verdict)
-    for said in (verdict_words(result), *result.account.extension):
+    pair = () if other is None else (moved_words(result, other),)
+    for said in (*pair, verdict_words(result), *result.account.extension):
         print_folded(said)
     print()
     aside = (left_aside_table(result),) if result.left_aside else ()
-    pair = () if other is None else (beside_table(result, other),)
-    for table in (*aside, fit_table(result), *pair, *interval_tables(result), *error_tables(result)):
+    beside = () if other is None else (moved_table(result, other),)
+    for table in (*aside, fit_table(result), *beside, *interval_tables(result), *error_tables(result)):
         print_table(table.header, table.rows)
         print_folded(table.caption)
     for line in (*alignment_words(result.alignments), *result.notes):

@@ -289,7 +289,7 @@ def identify(
     ] = None,
     nominal: Annotated[Path | None, typer.Option(help="Write a nominal.yaml with the identified values.")] = None,
     urdf: Annotated[Path | None, typer.Option(help="Write the robot's URDF with corrected joint origins.")] = None,
-    beside: Annotated[Path | None, typer.Option(help="Another fit.json of this robot, shown beside this one.")] = None,
+    compare: Annotated[Path | None, typer.Option(help="fit.json of an earlier campaign: what has moved since?")] = None,
     json: Json = None,
     report: Report = None,
     anyway: Anyway = False,
@@ -323,7 +323,7 @@ def identify(
         urdf=urdf,
         states=states,
         anyway=anyway,
-        beside=beside,
+        compare=compare,
     )
     run_identify(paths, fit, options, clean)
 

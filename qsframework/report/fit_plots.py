@@ -21,8 +21,8 @@ _BINS = 25
 _QUANTILE = 95
 
 
-def fit_figures(fit: Fit, beside: FitRecord | None = None) -> tuple[Figure, ...]:
-    """What the fit says of the parameters, another one beside it, and how well it describes the readings."""
+def fit_figures(fit: Fit, before: FitRecord | None = None) -> tuple[Figure, ...]:
+    """What the fit says of the parameters, another campaign's beside them, and how well it describes the readings."""
     pair = (correlation_figure(fit),) if 1 < len(fit.estimates) <= MATRIX else ()
     scatter = () if fit.position.all() else (_measured_predicted(fit),)
     out = fit.left_out[np.isfinite(fit.left_out).all(axis=1)]
@@ -32,7 +32,7 @@ def fit_figures(fit: Fit, beside: FitRecord | None = None) -> tuple[Figure, ...]
         "poses left out": np.linalg.norm(out, axis=1),
     }
     spread = (distribution_figure(sizes),) if len(sizes["identified"]) else ()
-    parameters = parameter_figure(fit, beside)
+    parameters = parameter_figure(fit, before)
     return (*pair, *scatter, *spread, parameters) if parameters.wide else (parameters, *pair, *scatter, *spread)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 
 import numpy as np
 
@@ -13,10 +12,11 @@ from qsframework.experiment.observations import values_before
 from qsframework.identify import Estimate, Fit, FitRecord, Masked
 from qsframework.report.blocks import Block, Figure, ReportTable, SceneView, Section, Text
 from qsframework.report.fit_plots import fit_figures, residual_figures, workspace_figure
+from qsframework.report.moved_section import moved_table, moved_words
 from qsframework.report.numbers import MATRIX
 from qsframework.report.parameter_plots import correlation_blocks, correlation_figure
 from qsframework.report.words.fit import alignment_words, first_words, verdict_words
-from qsframework.report.words.sizes import shown, stiffness_words, value_words, with_sd
+from qsframework.report.words.sizes import shown, stiffness_words, with_sd
 
 _SAME = 1.005
 """A total sd that is larger than that of the noise by less than this is not worth a word."""
@@ -79,29 +79,6 @@ def _alone(e: Estimate) -> str:
 def _percent(share: float) -> str:
     """A share in per cent; of initial values next to nothing the digits would say nothing."""
     return f"{share:.1f} %" if share < _MOST_PERCENT else f"> {_MOST_PERCENT:.0f} %"
-
-
-def beside_table(fit: Fit, other: FitRecord) -> ReportTable:
-    """Two fits of one robot, parameter by parameter, and how far apart they are in the sd of their difference.
-
-    The two are taken as independent: of readings that share none.
-    """
-    theirs = dict(zip(other.names, zip(other.values.tolist(), other.sd.tolist(), strict=True), strict=True))
-    rows: list[tuple[str, ...]] = []
-    for e in (e for e in fit.estimates if e.name in theirs):
-        value, sd = theirs[e.name]
-        apart = np.hypot(e.sd, sd)
-        told = np.isfinite(apart) and apart > 0.0
-        pair = (value_words(e.value, e.sd, e.unit), value_words(value, sd, e.unit))
-        rows.append((e.name, *pair, f"{(e.value - value) / apart:+.1f}" if told else "-"))
-    only = [n for n in (*fit.names, *other.names) if (n in theirs) != (n in fit.names)]
-    said = f" In one of them only: {', '.join(only)}." if only else ""
-    name = Path(other.path).name or "the other fit"
-    return ReportTable(
-        ("parameter", "this fit ± sd", f"{name} ± sd", "difference / its sd"),
-        tuple(rows),
-        f"Beyond 3 the arm, its load or a frame was another one between the two, or a model is wrong.{said}",
-    )
 
 
 def interval_tables(fit: Fit) -> tuple[ReportTable, ...]:
@@ -265,9 +242,10 @@ def fit_section(fit: Fit, title: str, truth: dict[str, float] | None = None) -> 
 
 
 def fit_sections(
-    fit: Fit, experiment: Experiment, readings: Readings, beside: FitRecord | None = None
+    fit: Fit, experiment: Experiment, readings: Readings, before: FitRecord | None = None
 ) -> tuple[Section, ...]:
-    """A report's sections: the pictures, the residuals on the robot, and the evidence, folded; beside: another fit."""
+    """A report's sections: the pictures, the residuals on the robot, and the evidence, folded; before: the fit of
+    another campaign."""
     from qsframework.viz import residuals
 
     rows, missed = residuals(experiment, readings, fit.x, fit.frames, fit.linear)
@@ -277,8 +255,8 @@ def fit_sections(
         Section(
             "Parameters and errors",
             (
-                *_answer(fit, fit_table(fit, stiffness=True), beside),
-                *(() if beside is None else (beside_table(fit, beside),)),
+                *(() if before is None else (Text(moved_words(fit, before)), moved_table(fit, before))),
+                *_answer(fit, fit_table(fit, stiffness=True), before),
             ),
         ),
         residual_view(fit, experiment, readings, where),
@@ -287,11 +265,11 @@ def fit_sections(
     )
 
 
-def _answer(fit: Fit, table: ReportTable, beside: FitRecord | None = None) -> tuple[Block, ...]:
+def _answer(fit: Fit, table: ReportTable, before: FitRecord | None = None) -> tuple[Block, ...]:
     """How the readings were taken, whether what is left fits the noise, the parameters, and what cannot be separated; a
     long table comes after the figures."""
     said = (*(Text(line) for line in first_words(fit)), Text(verdict_words(fit)))
-    figures = fit_figures(fit, beside)
+    figures = fit_figures(fit, before)
     body = (table, *figures) if len(table.rows) <= MATRIX else (*figures, table)
     return (*said, *body, *correlation_blocks(fit))
 

@@ -35,12 +35,12 @@ def report(
     readings: Readings | None = None,
     *,
     files: Sequence[Path] = (),
-    beside: FitRecord | None = None,
+    before: FitRecord | None = None,
 ) -> Path:
     """Write the report of a fit, a plan, a diagnosis or a validation, all or nothing: HTML, or .pdf by Chromium.
 
     experiment: of all but a diagnosis, which holds its own; readings: of a fit; files: what it was made of, for their
-    hashes; beside: another fit of the same robot. InputError where one of them is missing.
+    hashes; before: a fit of another campaign of this arm. InputError where one of them is missing.
     """
     if isinstance(result, Diagnosis):
         title, verdict = f"Diagnosis: {result.experiment.robot.title}", diagnosis_verdict(result)
@@ -53,7 +53,7 @@ def report(
         rows = _given(readings, "the readings")
         title, verdict = "Identification", fit_verdict(result, rows.poses)
         laws = (LINEAR if result.linear else EQUILIBRIUM, LEAST_SQUARES)
-        sections = (*fit_sections(result, given, rows, beside), computed(given, files, None, laws))
+        sections = (*fit_sections(result, given, rows, before), computed(given, files, None, laws))
     else:
         title, verdict = "Validation", validation_verdict(result)
         sections = (validation_section(result), computed(given, files, None, (EQUILIBRIUM,)))

@@ -1,0 +1,47 @@
+"""Two campaigns of one arm side by side: what has moved, in words and as a table."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from qsframework.identify import Fit, FitRecord
+from qsframework.identify.moved import moved, same_readings
+from qsframework.report.blocks import ReportTable
+from qsframework.report.words.sizes import value_words
+
+
+def moved_words(fit: Fit, before: FitRecord) -> str:
+    """Which parameters moved beyond their uncertainty between two campaigns."""
+    if same_readings(fit, before):
+        return "Both fits rest on the same readings: their difference is none of the arm."
+    found = moved(fit, before)
+    gone = [f"{m.name} ({m.apart:+.1f} sd)" for m in found if m.beyond]
+    if not found:
+        return "The two campaigns have no parameter in common."
+    if gone:
+        rest = f"; the other {len(found) - len(gone)} agree" if len(found) > len(gone) else ""
+        return f"Moved beyond its uncertainty: {', '.join(gone)}{rest}. Look for a repair, a crash, or another load."
+    return f"No parameter moved beyond its uncertainty: all {len(found)} agree in both campaigns."
+
+
+def moved_table(fit: Fit, before: FitRecord) -> ReportTable:
+    """Two fits of one robot, parameter by parameter, and how far apart they are in the sd of their difference."""
+    rows = tuple(
+        (
+            m.name,
+            value_words(m.value, m.sd, m.unit),
+            value_words(m.before, m.sd_before, m.unit),
+            f"{m.apart:+.1f}" if np.isfinite(m.apart) else "-",
+            "moved" if m.beyond else "",
+        )
+        for m in moved(fit, before)
+    )
+    only = sorted({*fit.names} ^ {*before.names}, key=[*fit.names, *before.names].index)
+    said = f" In one of them only: {', '.join(only)}." if only else ""
+    return ReportTable(
+        ("parameter", "this fit ± sd", f"{Path(before.path).name or 'the other fit'} ± sd", "difference / its sd", ""),
+        rows,
+        f"Moved: further than both uncertainties explain, at 1 % for all parameters together.{said}",
+    )
