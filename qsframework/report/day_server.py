@@ -317,7 +317,12 @@ def _so_far(found: SoFar) -> dict[str, Any]:
         value, unit = shown(t.value, t.unit)
         sds = [f"{shown(sd, t.unit)[0]:.2g}" for sd in (t.sd, t.promised)]
         rows.append([t.name, f"{value:.4g}", *sds, unit, t.enough])
-    return {"words": so_far_words(found), "rows": rows, "enough": found.enough}
+    promised = [t.promised for t in found.told]
+    curves = [
+        [visits, [sd / p if 0.0 < sd / p < float("inf") else None for sd, p in zip(sds, promised, strict=True)]]
+        for visits, sds in found.history
+    ]
+    return {"words": so_far_words(found), "rows": rows, "enough": found.enough, "curves": curves}
 
 
 class _OnlyHere(BaseHTTPMiddleware):

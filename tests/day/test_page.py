@@ -392,6 +392,9 @@ def test_a_whole_day_in_a_browser_with_eight_mistakes(tmp_path: Path) -> None:
         errors, foreign = errors + page.errors, foreign + page.foreign
         assert page.run("getComputedStyle(document.querySelector('#angles')).display") == "flex"
         assert page.run("document.documentElement.scrollWidth <= window.innerWidth")
+        page.until("document.querySelectorAll('#curves path').length > 6", 240.0)
+        page.size(400, 900)
+        assert page.run("document.documentElement.scrollWidth <= 400")
         page.run("document.getElementById('end').click()")
         page.until("told.ended.length > 0", 240.0)
         ended = page.run("told.ended")

@@ -342,7 +342,12 @@ def test_what_the_readings_tell_so_far(m900ib: Experiment, tmp_path: Path) -> No
             assert found.help is not None
             assert len(found.help.pose) == 3
     assert worst[0] > worst[1] > worst[2] == pytest.approx(1.0, abs=0.1)
-    assert "enough" in so_far_words(so_far(day))
+    found = so_far(day)
+    assert [visits for visits, _ in found.history] == list(range(1, 9))
+    sds = np.array([sds for _, sds in found.history])
+    assert (sds[1:] <= sds[:-1] * (1.0 + 1e-9)).all(), "more readings tell no less"
+    assert sds[-1] == pytest.approx([t.promised for t in found.told], rel=0.05)
+    assert "enough" in so_far_words(found)
     open_ = replace(so_far(day), causes=("offaxis_compliance[joint_1/x]",))
     assert not open_.enough, "never beside a named cause"
     assert ": enough" not in so_far_words(open_)

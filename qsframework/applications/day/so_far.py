@@ -5,6 +5,7 @@ Too slow to stand between a reading and its answer: it is worked out beside the 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -20,7 +21,7 @@ from qsframework.design import design
 from qsframework.design.problem import joint_sd
 from qsframework.diagnose import diagnose
 from qsframework.errors import QsfError
-from qsframework.experiment import Plan, Readings, read_readings
+from qsframework.experiment import Experiment, Plan, Readings, read_readings
 from qsframework.identify import Fit, identify
 from qsframework.units import JointUnits
 
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
 _ENOUGH = 1.1
 """An sd this many times the promised one is as good as it."""
 _CANDIDATES = 200
+_POINTS = 12
+"""Of the curves of sds against visits."""
 _HELP = 3
 _DIAGNOSED, _EVERY = 8, 4
 """Visits below which a diagnosis would only guess, and after how many more it looks again."""
@@ -54,7 +57,8 @@ class Told:
 class SoFar:
     """visits: that it is of; fit: None where the readings give none yet, and why; help: the poses that would help most
     beside what was read; minutes: that the rest of the plan takes, and those that `help` would; causes: that the last
-    diagnosis names and the model does not have"""
+    diagnosis names and the model does not have; history: after so many visits, the sd that their readings predict of
+    each of `told`"""
 
     visits: int
     fit: Fit | None
@@ -65,6 +69,7 @@ class SoFar:
     help_minutes: float
     units: JointUnits
     causes: tuple[str, ...] = ()
+    history: tuple[tuple[int, tuple[float, ...]], ...] = ()
 
     @property
     def enough(self) -> bool:
@@ -97,7 +102,22 @@ def so_far(day: Day) -> SoFar:
         for e, sd in zip(fit.estimates, fit.sd_total, strict=True)
         if e.name in promised
     )
-    return replace(none, fit=fit, told=told, help=_help(day, readings))
+    history = _history(day.experiment, readings, [t.name for t in told])
+    return replace(none, fit=fit, told=told, help=_help(day, readings), history=history)
+
+
+def _history(
+    experiment: Experiment, readings: Readings, names: Sequence[str]
+) -> tuple[tuple[int, tuple[float, ...]], ...]:
+    """How the sds fell: number of visits, and what their readings tell of each parameter; at most so many points."""
+    states = readings.states
+    visits = [(states.series[m], states.pose[m], int(states.repeat[m])) for m in map(int, readings.plus)]
+    number = {visit: k for k, visit in enumerate(dict.fromkeys(visits), start=1)}
+    own = np.array([number[visit] for visit in visits])
+    at = [experiment.fit_names().index(name) for name in names]
+    counts = dict.fromkeys(np.linspace(1, len(number), min(len(number), _POINTS)).round().astype(int).tolist())
+    sds = (joint_sd(experiment, [readings.masked(own > count)])[at] for count in counts)
+    return tuple((count, tuple(sd.tolist())) for count, sd in zip(counts, sds, strict=True))
 
 
 def promised_sd(day: Day) -> dict[str, float]:
