@@ -30,6 +30,7 @@ COMMANDS = (
     "compensate",
     "compare",
 )
+PAGES = (*COMMANDS, "certificate", "sheet")
 
 
 @dataclass
@@ -50,7 +51,7 @@ class Reports:
 
 
 def make_reports(folder: Path, task: Path = TASK) -> Reports:
-    """All commands with small inputs, each with a report; task: that `qsf compare` reads."""
+    """All commands with small inputs, each with a report, a certificate and a sheet; task: that `qsf compare` reads."""
     out = Reports(folder)
     robot = [find_robot("fanuc_m900ib"), find_robot("fanuc_m900ib").parent / "nominal.yaml"]
     campaign = [EXPERIMENT, *robot]
@@ -85,5 +86,9 @@ def make_reports(folder: Path, task: Path = TASK) -> Reports:
         folder / "corrected.csv",
         reads=[*campaign, fit, targets],
     )
+    whole = ["certificate", EXPERIMENT, fit, readings, "--halves", "2", "-o", folder / "certificate.html"]
+    out.run("certificate", *whole, option="")
+    sheet = ["protocol", EXPERIMENT, plan, "-o", folder / "sheet.html", "--readings", folder / "blank.csv"]
+    out.run("sheet", *sheet, option="")
     out.run("compare", "compare", "fanuc_m900ib", "abb_irb2400", "--task", task, reads=[*robot, task])
     return out

@@ -11,7 +11,7 @@ from qsframework.applications.compare import Compared, Comparison
 from qsframework.plugin import Array
 from qsframework.report.blocks import Figure, ReportTable, SceneView, Section, Text
 from qsframework.report.numbers import row_table
-from qsframework.report.plots import BLACK, COLOURS, SYMBOLS, blank, log_axis, panels, round_ticks
+from qsframework.report.plots import COLOURS, ORANGE, SYMBOLS, blank, log_axis, panels, round_ticks
 from qsframework.report.words.sizes import shown
 from qsframework.robot.collision import Flags
 from qsframework.viz import task_scene
@@ -156,7 +156,7 @@ def heat_maps(result: Comparison, values: list[Array], unit: str, title: str) ->
             showlegend=False,
             row=1,
             col=k,
-            marker={"color": BLACK, "size": 6, "symbol": "x", "line": {"color": "white", "width": 1}},
+            marker={"color": ORANGE, "size": 7, "symbol": "x", "line": {"color": "white", "width": 1}},
             hovertemplate="the path<extra></extra>",
         )
         figure.update_xaxes(row=1, col=k, title={"text": "x, m"})
@@ -165,6 +165,7 @@ def heat_maps(result: Comparison, values: list[Array], unit: str, title: str) ->
     bar = {"title": {"text": unit}, "tickvals": np.log10(ticks).tolist(), "ticktext": [f"{v:g}" for v in ticks]}
     figure.update_layout(
         plot_bgcolor="#ddd",
+        margin={"t": 40},
         coloraxis={"colorscale": "Cividis", "reversescale": True, "colorbar": bar},
     )
     return figure.update_xaxes(showgrid=False, zeroline=False).update_yaxes(showgrid=False, zeroline=False)

@@ -225,7 +225,7 @@ def workspace_figure(fit: Fit, readings: Readings, pose: Indices, marker: Indice
         figure.update_xaxes(row=1, col=col, title={"text": along})
         figure.update_yaxes(row=1, col=col, title={"text": up}, scaleanchor=anchor)
     scale = {"colorscale": [[0.0, SKY], [1.0, ORANGE]], "colorbar": {"title": {"text": "mm"}, "thickness": 12}}
-    figure.update_layout(coloraxis=scale)
+    figure.update_layout(coloraxis=scale, margin={"t": 40})
     columns = [names, *points.T.tolist(), around.tolist(), size.tolist()]
     return Figure(
         figure,
