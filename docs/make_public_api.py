@@ -49,7 +49,7 @@ PACKAGES: dict[str, tuple[str, ...]] = {
     "qsframework.applications": (),
     "qsframework.applications.importers": (),
     "qsframework.work": (),
-    "qsframework.viz": ("Scene", "plan_scene", "residual_scene", "show_scene"),
+    "qsframework.viz": ("Scene", "residual_scene", "show_scene"),
 }
 """What a user may import: of each package the names given here, or all of its `__all__`. All else may change."""
 HEAD = """# Every public Python name of qsframework with its signature; docs/versions.md says what that promises.

@@ -119,55 +119,20 @@ def budget_figure(diagnosis: Diagnosis) -> Figure:
     )
 
 
-def joint_figure(diagnosis: Diagnosis) -> Figure:
-    """Residuals along their main direction against every joint angle."""
+def cause_figure(diagnosis: Diagnosis) -> Figure:
+    """Residuals along their main direction against every joint angle, the load, and the order of the rows."""
     direction, before, after = main_direction(diagnosis)
-    r = diagnosis.readings
+    r, kept = diagnosis.readings, diagnosis.kept
     facts = diagnosis.experiment.robot.facts
-    poses = _poses(diagnosis)
-    q = facts.units.shown(r.poses.q[r.plus[diagnosis.kept]])
+    q = facts.units.shown(r.poses.q[r.plus[kept]])
+    force = np.linalg.norm(r.poses.wrench[r.plus[kept], :3], axis=1)
     joints = [f"{joint}, {facts.units[k].shown}" for k, joint in enumerate(facts.joints)]
-    lines = -(-len(joints) // _ACROSS)
-    title = "Residuals against the joints"
-    figure = panels(title, lines, _ACROSS, [html.escape(j) for j in joints], 230 * lines + 60)
-    for k in range(len(joints)):
-        place = {"row": k // _ACROSS + 1, "col": k % _ACROSS + 1}
-        for values, look, name in ((before, BEFORE, "before"), (after, AFTER, "after")):
-            figure.add_scatter(
-                x=q[:, k],
-                y=1e3 * values,
-                mode="markers",
-                name=name,
-                legendgroup=name,
-                showlegend=k == 0,
-                marker={**look, "size": 5},
-                customdata=poses,
-                **place,
-            )
-    for row in range(lines):
-        figure.update_yaxes(row=row + 1, col=1, title={"text": "residual, mm"})
-    return Figure(
-        figure,
-        f"Measured minus predicted, along the residuals' main direction ({_vector(direction)}, base frame). Look "
-        "for diamonds that bend or slope: they say on which joint the missing effect depends; full circles should be "
-        "a level cloud.",
-        row_table(
-            ("row", "pose", "marker", *joints, "before, mm", "after, mm"),
-            [*_named_rows(diagnosis), *q.T.tolist(), (1e3 * before).tolist(), (1e3 * after).tolist()],
-        ),
-        wide=True,
-    )
-
-
-def load_figure(diagnosis: Diagnosis) -> Figure:
-    """Residuals along their main direction against the load and against the order of the rows."""
-    _, before, after = main_direction(diagnosis)
-    r = diagnosis.readings
-    force = np.linalg.norm(r.poses.wrench[r.plus[diagnosis.kept], :3], axis=1)
-    title = "Residuals against load and order"
-    figure = panels(title, 1, 2, ["force, N", "row of the readings file"], 380)
-    poses = _poses(diagnosis)
-    for col, x in ((1, force), (2, r.line[diagnosis.kept])):
+    titles, against = [*joints, "force, N", "row of the readings file"], [*q.T, force, r.line[kept]]
+    lines = -(-len(titles) // _ACROSS)
+    title = "Residuals against joints, load and order"
+    figure = panels(title, lines, _ACROSS, [html.escape(t) for t in titles], 230 * lines + 60)
+    poses, labels = _poses(diagnosis), _labels(diagnosis)
+    for k, x in enumerate(against):
         for values, look, name in ((before, BEFORE, "before"), (after, AFTER, "after")):
             figure.add_scatter(
                 x=x,
@@ -175,21 +140,24 @@ def load_figure(diagnosis: Diagnosis) -> Figure:
                 mode="markers",
                 name=name,
                 legendgroup=name,
-                showlegend=col == 1,
+                showlegend=k == 0,
                 marker={**look, "size": 5},
                 customdata=poses,
-                text=_labels(diagnosis),
-                row=1,
-                col=col,
+                text=labels,
+                row=k // _ACROSS + 1,
+                col=k % _ACROSS + 1,
             )
-    figure.update_yaxes(row=1, col=1, title={"text": "residual, mm"})
+    for row in range(lines):
+        figure.update_yaxes(row=row + 1, col=1, title={"text": "residual, mm"})
     return Figure(
         figure,
-        "Look left whether residuals grow with the force: then a spring or a load is wrong, otherwise play or a "
-        "sensor; and right for a slope or a step in the order of the readings: that is drift.",
+        f"Measured minus predicted, along the residuals' main direction ({_vector(direction)}, base frame). Look "
+        "for diamonds that bend or slope: they say on which joint the missing effect depends; full circles should be "
+        "a level cloud. Residuals that grow with the force: a spring or a load is wrong; a slope or a step in the "
+        "order of the rows: drift.",
         row_table(
-            ("row", "pose", "marker", "force, N", "before, mm", "after, mm"),
-            [*_named_rows(diagnosis), force.tolist(), (1e3 * before).tolist(), (1e3 * after).tolist()],
+            ("row", "pose", "marker", *joints, "force, N", "before, mm", "after, mm"),
+            [*_named_rows(diagnosis), *q.T.tolist(), force.tolist(), (1e3 * before).tolist(), (1e3 * after).tolist()],
         ),
         wide=True,
     )

@@ -9,13 +9,12 @@ from qsframework.diagnose.result import Diagnosis
 from qsframework.discriminate.follow_up import SecondDay
 from qsframework.discriminate.pair import Discrimination
 from qsframework.report import diagnosis_plots as plots, diagnosis_tables as tables
-from qsframework.report.blocks import Block, SceneView, Section, Text
+from qsframework.report.blocks import Block, Section, Text
 from qsframework.report.provenance import EQUILIBRIUM, LEAST_SQUARES, LINEAR, provenance_section
+from qsframework.report.residual_view import residual_view
 from qsframework.report.words.diagnosis import method_words
 from qsframework.report.words.discrimination import discrimination_words, left_open_words
 from qsframework.report.words.noise import audit_words, misfit_words
-from qsframework.viz import residual_scene
-from qsframework.viz.residual_scene import MOST
 
 _HOW = (
     "Wrong conventions are applied and refitted first. The exact model (full equilibrium, every law) is fitted by "
@@ -64,28 +63,16 @@ def _verdict(diagnosis: Diagnosis, pairs: Sequence[Discrimination]) -> Iterator[
         yield Text(f"{title}:")
         yield rows
     yield plots.budget_figure(diagnosis)
-    yield _on_the_robot(diagnosis)
+    yield residual_view(
+        diagnosis.experiment,
+        diagnosis.readings,
+        diagnosis.kept,
+        diagnosis.residuals(),
+        ("before", "after the extension"),
+        "Look for red arrows that turn together with a link.",
+        [f.name for f in diagnosis.findings],
+    )
     yield tables.error_rows(diagnosis)
-
-
-def _on_the_robot(diagnosis: Diagnosis) -> SceneView:
-    """What the model misses at every marker, in 3D."""
-    before, after = diagnosis.residuals()
-    scene, factor = residual_scene(
-        diagnosis.experiment, diagnosis.readings, diagnosis.kept, before, after, [f.name for f in diagnosis.findings]
-    )
-    shown = (
-        f"the {MOST} poses with the largest residuals"
-        if len(set(diagnosis.readings.plus.tolist())) > MOST
-        else "all poses"
-    )
-    return SceneView(
-        scene.html(),
-        f"Measured minus predicted at the markers, {factor:.0f} times enlarged: red before, green after the extension; "
-        f"{shown}, the slider shows one at a time. Look for red arrows that turn together with a link.",
-        tables.pose_table(diagnosis),
-        scene.poses,
-    )
 
 
 def _causes(diagnosis: Diagnosis, pairs: Sequence[Discrimination]) -> Iterator[Block]:
@@ -121,8 +108,7 @@ def _day(day: SecondDay) -> Iterator[Block]:
 
 
 def _residuals(diagnosis: Diagnosis) -> Iterator[Block]:
-    yield plots.joint_figure(diagnosis)
-    yield plots.load_figure(diagnosis)
+    yield plots.cause_figure(diagnosis)
     yield plots.marker_figure(diagnosis)
     if diagnosis.before.trends:
         yield tables.trend_table(diagnosis)

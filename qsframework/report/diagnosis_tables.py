@@ -280,19 +280,6 @@ def outlier_table(diagnosis: Diagnosis) -> ReportTable:
     )
 
 
-def pose_table(diagnosis: Diagnosis) -> ReportTable:
-    """What the model misses at each pose, before and after, worst first."""
-    r = diagnosis.readings
-    at = r.plus[diagnosis.kept]
-    sizes = [1e3 * np.linalg.norm(v, axis=1) for v in diagnosis.residuals()]
-    worst = {m: float(sizes[0][at == m].max()) for m in map(int, np.unique(at))}
-    rows = tuple(
-        (r.states.pose[m], str(int((at == m).sum())), f"{worst[m]:.4f}", f"{sizes[1][at == m].max():.4f}")
-        for m in sorted(worst, key=lambda m: -worst[m])
-    )
-    return ReportTable(("pose", "rows", "largest residual before, mm", "after, mm"), rows, "Lengths of the vectors.")
-
-
 def contest_table(day: SecondDay) -> ReportTable:
     """What the poses of a second day would tell of each pair."""
     rows = tuple(

@@ -10,11 +10,12 @@ from qsframework.estimation import rms
 from qsframework.experiment import Experiment, Readings
 from qsframework.experiment.observations import values_before
 from qsframework.identify import Estimate, Fit, FitRecord, Masked
-from qsframework.report.blocks import Block, Figure, ReportTable, SceneView, Section, Text
+from qsframework.report.blocks import Block, ReportTable, SceneView, Section, Text
 from qsframework.report.fit_plots import fit_figures, residual_figures, workspace_figure
 from qsframework.report.moved_section import moved_table, moved_words
 from qsframework.report.numbers import MATRIX
 from qsframework.report.parameter_plots import correlation_blocks, correlation_figure
+from qsframework.report.residual_view import residual_view
 from qsframework.report.words.fit import alignment_words, first_words, verdict_words
 from qsframework.report.words.sizes import shown, stiffness_words, with_sd
 
@@ -259,7 +260,7 @@ def fit_sections(
                 *_answer(fit, fit_table(fit, stiffness=True), before),
             ),
         ),
-        residual_view(fit, experiment, readings, where),
+        Section("Residuals on the robot", (_on_the_robot(fit, experiment, readings), *where)),
         Section("Evidence", tuple(_evidence(fit)), folded=True),
         Section("Residuals", residual_figures(fit), folded=True),
     )
@@ -290,30 +291,14 @@ def _evidence(fit: Fit) -> Iterator[Block]:
         yield point_table(fit)
 
 
-def residual_view(fit: Fit, experiment: Experiment, readings: Readings, more: tuple[Figure, ...] = ()) -> Section:
-    """The poses with the largest residuals, with arrows at their markers; more: figures that go with them."""
-    from qsframework.viz import residual_scene, residuals
-    from qsframework.viz.residual_scene import MOST
+def _on_the_robot(fit: Fit, experiment: Experiment, readings: Readings) -> SceneView:
+    """The residuals of the nominal and of the identified model in 3D."""
+    from qsframework.viz import residuals
 
     rows, before = residuals(experiment, readings, values_before(fit.model, readings), linear=fit.linear)
     _, after = residuals(experiment, readings, fit.x, fit.frames, fit.linear)
-    scene, factor = residual_scene(experiment, readings, rows.keep, before, after)
-    sizes = [1e3 * np.linalg.norm(v, axis=1) for v in (before, after)]
-    worst = {m: [float(s[rows.plus == m].max()) for s in sizes] for m in map(int, np.unique(rows.plus))}
-    order = sorted(worst, key=lambda m: -worst[m][1])
-    own = readings.states
-    rows_shown = tuple((own.pose[m], str(int(own.repeat[m])), *(f"{v:.4f}" for v in worst[m])) for m in order)
-    shown_poses = "all poses" if len(worst) <= MOST else f"the {MOST} poses with the largest residuals"
-    view = SceneView(
-        scene.html(),
-        f"Measured minus predicted at the markers, {factor:.0f} times enlarged: red by the nominal model, green by the "
-        f"identified one; {shown_poses}, the slider shows one at a time. Look for green arrows that turn together with "
-        "a link, or that all point one way: the model misses something, and qsf diagnose can name it.",
-        ReportTable(
-            ("pose", "repeat", "largest nominal, mm", "identified, mm"),
-            rows_shown,
-            "Lengths of the vectors, worst first.",
-        ),
-        scene.poses,
+    look = (
+        "Look for green arrows that turn together with a link, or that all point one way: the model misses something, "
+        "and qsf diagnose can name it."
     )
-    return Section("Residuals on the robot", (view, *more))
+    return residual_view(experiment, readings, rows.keep, (before, after), ("nominal", "identified"), look)

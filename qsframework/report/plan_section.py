@@ -14,7 +14,7 @@ from qsframework.report.blocks import ReportTable, SceneView, Section, Text
 from qsframework.report.words.plan import certificate_text
 from qsframework.report.words.sizes import shown
 from qsframework.units import JointUnits
-from qsframework.viz import plan_scene
+from qsframework.viz import show_scene
 
 
 def margin_words(experiment: Experiment) -> str:
@@ -126,7 +126,7 @@ def plan_section(experiment: Experiment, plan: Plan, sds: ReportTable, title: st
 def plan_view(experiment: Experiment, plan: Plan) -> SceneView:
     """The poses in 3D and as a table."""
     return SceneView(
-        plan_scene(experiment, plan).html(),
+        show_scene(experiment, plan).html(),
         "Drag to turn, scroll to zoom; the slider goes through the poses in their order, the others are ghosts. Red "
         "arrow: the load; blue: the markers; transparent arm: the deflection, 100 times exaggerated; orange: where the "
         "load point goes under the largest force in any direction. Look for poses that give in different directions.",

@@ -1,4 +1,3 @@
-from .plan_scene import plan_scene as plan_scene
 from .residual_arrows import residuals as residuals
 from .residual_scene import residual_scene as residual_scene
 from .robot_row import robot_row as robot_row

@@ -13,7 +13,7 @@ from qsframework.cli.demo import WRITTEN, run_demo
 from qsframework.experiment import Experiment, make_plan
 from qsframework.plugin import Poses
 from qsframework.report import ReportTable, SceneView, Section, Text, write_report
-from qsframework.viz import Scene, plan_scene
+from qsframework.viz import Scene, show_scene
 
 EVIL = "<script>alert(1)</script>"
 
@@ -106,7 +106,7 @@ def plan_page(experiment: Experiment, path: Path) -> Path:
 
     pendant = np.deg2rad([[0.0, 20.0, -10.0, 0.0, 40.0, 0.0]])
     poses = Poses(pendant, experiment.robot.controller.to_joints(pendant), np.array([[0, 0, -4000.0, 0, 0, 0]]))
-    path.write_text(plan_scene(experiment, make_plan(poses, ["weight"])).html())
+    path.write_text(show_scene(experiment, make_plan(poses, ["weight"])).html())
     return path
 
 

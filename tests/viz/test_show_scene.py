@@ -14,7 +14,7 @@ from qsframework.experiment import Constraints, Experiment, Plan, Readings, make
 from qsframework.plugin import Array, Poses
 from qsframework.plugin.facts import frozen
 from qsframework.robot import load_robot
-from qsframework.viz import Scene, plan_scene, residual_scene, show_scene
+from qsframework.viz import Scene, residual_scene, show_scene
 from qsframework.viz.subject import MOST, floating, measured, one_pose, robot_alone
 
 ANGLES = [
@@ -165,7 +165,7 @@ def test_limits_stand_where_the_experiment_says(m900ib: Experiment) -> None:
 
 def test_steps_keep_the_plans_order_and_have_ghosts(m900ib: Experiment) -> None:
     plan = a_plan(m900ib)
-    scene = plan_scene(m900ib, plan)
+    scene = show_scene(m900ib, plan)
     assert [path for path, _ in scene.steps] == ["poses/0", "poses/1", "poses/2"]
     assert [label.split(",")[0] for _, label in scene.steps] == ["p01 (weight)", "p02 (pull)", "p03 (half)"]
     assert scene.ghosts == {f"poses/{i}": f"ghosts/{i}" for i in range(3)}
