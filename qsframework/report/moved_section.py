@@ -15,7 +15,7 @@ from qsframework.report.words.sizes import value_words
 def moved_words(fit: Fit, before: FitRecord) -> str:
     """Which parameters moved beyond their uncertainty between two campaigns."""
     if same_readings(fit, before):
-        return "Both fits rest on the same readings: their difference is none of the arm."
+        return "Both fits rest on the same readings, so their difference says nothing of the arm."
     found = moved(fit, before)
     gone = [f"{m.name} ({m.apart:+.1f} sd)" for m in found if m.beyond]
     if not found:

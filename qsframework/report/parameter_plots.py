@@ -142,11 +142,15 @@ def correlation_blocks(fit: Fit) -> tuple[Block, ...]:
     pairs = sorted(fit.high_correlations(CORRELATED), key=lambda pair: -abs(pair[2]))
     if not pairs:
         return (Text(f"No two parameters are correlated above {CORRELATED:g}."),)
-    rows = [(f"{c:+.2f}", f"{a} is correlated with {b}.") for a, b, c in pairs[:_SENTENCES]]
+    first, second, most = pairs[0]
+    said = (
+        f"Correlations above {CORRELATED:g}: {len(pairs)}, the strongest {most:+.2f}, of {first} with {second}. "
+        "Vary poses or loads to separate them."
+    )
+    rows = [(f"{c:+.2f}", f"{a} is correlated with {b}.") for a, b, c in pairs[1:_SENTENCES]]
     if len(pairs) > _SENTENCES:
         rows.append(("", f"{len(pairs) - _SENTENCES} more pairs are in the correlation matrix."))
-    advice = "Vary poses or loads to separate them."
-    return (Text(f"Correlations above {CORRELATED:g}: {len(pairs)}. {advice}"), Lines(tuple(rows)))
+    return (Text(said), *((Lines(tuple(rows)),) if rows else ()))
 
 
 def correlation_figure(fit: Fit) -> Figure:
