@@ -91,14 +91,15 @@ tolerance_mm: 0.75
 
 
 def certificate(images: Path) -> None:
-    """The first page of a certificate of the UR10."""
+    """The first sheet of a certificate of the UR10, extended by what its readings name."""
     with tempfile.TemporaryDirectory() as name:
-        meta, fit, page = (Path(name) / file for file in ("meta.yaml", "fit.json", "certificate.html"))
-        experiment = str(HERE.parent / "examples" / "ur10" / "experiment.yaml")
+        meta, fit, page, extended = (Path(name) / f for f in ("meta.yaml", "fit.json", "certificate.html", "extended"))
+        experiment = str(extended / "experiment.yaml")
         meta.write_text(META)
+        qsf("diagnose", str(HERE.parent / "examples" / "ur10" / "experiment.yaml"), "--extend", str(extended))
         qsf("identify", experiment, "--json", str(fit))
-        qsf("certificate", experiment, str(fit), "--meta", str(meta), "-o", str(page))
-        screenshot(page, images / "certificate.png", "760,1100")
+        qsf("certificate", experiment, str(fit), "--halves", "3", "--meta", str(meta), "-o", str(page))
+        screenshot(page, images / "certificate.png", "900,1300")
 
 
 def measuring_day(images: Path) -> None:

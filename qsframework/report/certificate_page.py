@@ -75,7 +75,7 @@ def _sections(found: Certificate) -> list[Section]:
 def _conditions(found: Certificate) -> list[tuple[str, str]]:
     """What is stated of the calibration, the robot and the instrument, and in one line what is not."""
     parts = heads(found)
-    out = [(f"{title}:", "; ".join(f"{name} {value}" for name, value in part if value)) for title, part in parts]
+    out = [(f"{title}:", "; ".join(f"{name}: {value}" for name, value in part if value)) for title, part in parts]
     left = [(title.lower(), [name for name, value in part if not value]) for title, part in parts]
     missing = [f"{title}: {', '.join(names)}" for title, names in left if names]
     if not found.arrivals:

@@ -152,24 +152,31 @@ function frame() {
   partWords();
   viewer.set_dirty();
 }
-// Of the words that are seen the lowest stand below their points, the highest above, others to the right.
+// Of the words that are seen the lowest stand below their points, the highest above, others to the right. The panel says
+// which number is chosen, and no number stands under a panel.
 function partWords() {
   const seen = o => !o || (o.visible && seen(o.parent));
-  const place = s => s.getWorldPosition(new THREE.Vector3()).project(camera()).y;
   camera().updateMatrixWorld();
-  camera().updateProjectionMatrix();
-  const order = said.filter(seen).map(s => [place(s), s]).sort((a, b) => b[0] - a[0]).map(pair => pair[1]);
+  const place = s => s.getWorldPosition(new THREE.Vector3()).project(camera());
+  const order = said.filter(seen).map(s => [place(s).y, s]).sort((a, b) => b[0] - a[0]).map(pair => pair[1]);
   order.forEach((s, k) => {
     if (k === 0) s.center.set(0.5, -0.35);
     else if (k === order.length - 1) s.center.set(0.5, 1.35);
     else s.center.set(-0.15, 0.5);
   });
+  const panels = ["facts", "told", "bar"].map(id => at(id).getBoundingClientRect()), room = 12;
+  for (const number of numbers) {
+    const {x, y} = place(number), [left, top] = [(x + 1) / 2 * innerWidth, (1 - y) / 2 * innerHeight];
+    const under = p => left > p.left - room && left < p.right + room && top > p.top - room && top < p.bottom + room;
+    number.visible = number.userData.step !== chosen() && !panels.some(under);
+  }
 }
 function fitWords() {
   const unit = 2 * Math.tan(wide * Math.PI / 360) / innerHeight;
   for (const sprite of [...said, ...numbers]) sprite.scale.set(...sprite.userData.pixels.map(p => p * unit), 1);
 }
 viewer.controls.addEventListener("start", () => { moved = true; });
+viewer.controls.addEventListener("change", () => partWords());
 addEventListener("resize", () => { fitWords(); viewer.set_3d_pane_size(); if (!moved) frame(); });
 at("from").onchange = () => { moved = false; frame(); };
 at("facts").ontoggle = () => { if (!moved) frame(); };
@@ -200,14 +207,14 @@ function show() {
     visible(step.path, now === 0 || now === i + 1);
     if (step.ghost) visible(step.ghost, on("ghosts") && now !== i + 1);
   });
-  for (const number of numbers) number.visible = number.userData.step !== now;  // the panel says which is chosen
   at("label").textContent = !one ? "all" : (steps.length > 1 ? now + " of " + steps.length + ": " : "") + one.label;
   slider.setAttribute("aria-valuetext", at("label").textContent);
   cells(at("angles"), one ? one.angles : []);
   cells(at("shares"), one ? one.shares : [], true);
   at("play").hidden = !one || !one.plays;
   if (playing) rest(), play();
-  if (!moved) frame();
+  if (moved) partWords();
+  else frame();
   viewer.set_dirty();
 }
 function choose(step) {

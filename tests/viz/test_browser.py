@@ -216,6 +216,23 @@ def test_what_is_on_the_page_works(page: Path, m900ib: Experiment, plan: Plan, t
     assert set(inks) <= {"rgb(34, 34, 34)", "rgb(0, 0, 0)"}
 
 
+@browser
+def test_numbers_of_the_other_poses_stand_under_no_panel(page: Path, tmp_path: Path) -> None:
+    script = """for (const step of [1, 2, 3]) for (const view of Object.keys(FROM)) {
+      at("from").value = view; at("from").onchange(); choose(step);
+      for (const n of numbers.filter(n => n.visible)) {
+        const p = n.getWorldPosition(new THREE.Vector3()).project(camera());
+        const [x, y] = [(p.x + 1) / 2 * innerWidth, (1 - p.y) / 2 * innerHeight];
+        const under = ["facts", "told", "bar"].map(id => at(id).getBoundingClientRect())
+          .filter(r => x > r.left && x < r.right && y > r.top && y < r.bottom);
+        found.push([n.userData.step === step, under.length]);
+      }
+    }"""
+    found = answer(page, script, tmp_path)
+    assert len(found) > 8
+    assert not [pair for pair in found if pair != [False, 0]]
+
+
 def test_a_scene_is_small_beside_its_viewer(m900ib: Experiment) -> None:
     """Twelve poses, ghosts, deflections and all: at most 150 kB more than meshcat's own script, and no request."""
     pendant = np.deg2rad(np.random.default_rng(0).uniform(-20.0, 20.0, (12, 6)))
