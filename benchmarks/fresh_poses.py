@@ -142,8 +142,8 @@ def _oracle(campaign: Campaign, hidden: Hidden, fresh: Campaign, folder: Path) -
 def spoken(found: Diagnosis) -> list[tuple[set[str], set[str]]]:
     """Words for the places and the variables that the answer says: of the learned law, or of what is left, first; else
     the places of its names, and what their laws depend on."""
-    laws = [found.taught.leftover.law] if found.taught is not None else []
-    laws += [found.leftovers[0].law] if found.leftovers else []
+    laws = [found.leftovers[0].law] if found.leftovers else []
+    laws += [found.taught.leftover.law] if found.taught is not None else []
     facts = found.experiment.robot.facts
     if laws:
         return [_words(laws[0], facts)]
@@ -155,13 +155,14 @@ def among(found: Diagnosis) -> list[tuple[set[str], set[str]]]:
     rivals of names, too."""
     facts = found.experiment.robot.facts
     if found.leftovers or found.taught is not None:
-        return [*spoken(found), *(_words(x.law, facts) for x in found.places)]
+        return [*spoken(found), *(_words(law, facts) for x in found.places for law in (x.law, *x.equivalent))]
     return [*spoken(found), *(named_words(r.name, facts) for f in found.findings for r in f.rivals)]
 
 
 def alike(found: Diagnosis) -> list[tuple[set[str], set[str]]]:
-    """Words for all places that could move the markers as what was told does."""
-    return [_words(law, found.experiment.robot.facts) for law in found.same_motion]
+    """Words for the places that move the markers as the likeliest one does."""
+    facts = found.experiment.robot.facts
+    return [_words(law, facts) for place in found.places[:1] for law in place.equivalent]
 
 
 def named_words(name: str, facts: Any) -> tuple[set[str], set[str]]:
@@ -182,6 +183,8 @@ def _words(law: Any, facts: Any) -> tuple[set[str], set[str]]:
     there = _bearing(law.place, facts) if law.part == "bearing" else _place(law.place, facts)
     place = {law.part, f"{law.part} {law.place}".strip()} | there
     variable = {*law.by, *law.joints} | ({"angle"} if law.angles else set[str]())
+    for factor, _, joint in (f.partition(" ") for f in law.by if " " in f):
+        variable |= {"others" if factor == "torque" and joint not in there else factor, f"{factor} {joint}", joint}
     variable |= {f"angle {j}" for j in law.joints} | {f"angle of {j}" for j in law.joints}
     return place, variable
 

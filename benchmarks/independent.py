@@ -51,7 +51,8 @@ class Setting:
 
     kind: displacements, positions, or mixed (half of the poses as displacements, half as positions of the unloaded
     arm); fit: of positions, `springs` alone or `geometry` too; loads: two or many; recorded: whether the tables hold
-    time, temperature and side of approach; plan: pendant angles (N, n) rad in place of random ones
+    time, temperature and side of approach; plan: pendant angles (N, n) rad in place of random ones; pull: forces (N, 3)
+    N of its poses, in place of the loads in turns
     """
 
     arm: Arm
@@ -64,6 +65,7 @@ class Setting:
     recorded: bool = False
     told: Arm | None = None
     plan: Array | None = None
+    pull: Array | None = None
 
     @property
     def described(self) -> Arm:
@@ -106,7 +108,7 @@ def visits_of(setting: Setting) -> tuple[tuple[Visits, Visits] | None, Visits | 
     shown = random_poses(setting, rng) if setting.plan is None else setting.plan
     each = 2 if setting.noise == "repeats" else 1
     count = len(shown)
-    force = forces(setting)[np.arange(count) % len(forces(setting))]
+    force = forces(setting)[np.arange(count) % len(forces(setting))] if setting.pull is None else setting.pull
     first = {"displacements": count, "positions": 0, "mixed": count // 2}[setting.kind]
     rows = np.tile(np.arange(count), each)
     moved, placed = rows[rows < first], rows[rows >= first]

@@ -1,9 +1,9 @@
 """Cases of the second generator (`independent.py`) for `diagnosis.py`: what is hidden, what is answered, and the goals.
 
 Groups: `second_effects`, causes that the library holds; `second_nulls`, nothing hidden, for each noise and number of
-poses; `second_structures`, arms that are not those of their files; `untouched`, effects of `untouched.py`, which no
-threshold is ever tuned on, and `touched`, those of `touched.py`, on which learning was developed: they run only where
-they are asked for.
+poses; `second_structures`, arms that are not those of their files. Effects that no library holds run only where they
+are asked for: `untouched`, of `untouched.py`, which no threshold is ever tuned on, `touched`, of `touched.py`, on which
+learning was developed, and `kinds_a`, `kinds_b` and `kinds_c`, three more sets of like difficulty.
 """
 
 from __future__ import annotations
@@ -24,6 +24,9 @@ from fresh_poses import Fresh, alike, among, fresh_errors, place_right, spoken, 
 from independent import NOISES, Campaign, Setting, Unreachable, noisy, write_campaign, write_robot
 from independent_arm import ARMS, Arm, Array, Hidden, NoRest
 from independent_effects import SHOWN, Places, campaign_for, hide, structures
+from kinds_a import KINDS_A
+from kinds_b import KINDS_B
+from kinds_c import KINDS_C
 from scipy.stats import f
 from touched import TOUCHED
 from untouched import UNTOUCHED
@@ -32,14 +35,14 @@ if TYPE_CHECKING:
     from qsframework.diagnose import Diagnosis
 
 GROUPS = ("second_effects", "second_nulls", "second_structures")
-ASKED = ("untouched", "touched")
+_UNKNOWN = {"untouched": UNTOUCHED, "touched": TOUCHED, "kinds_a": KINDS_A, "kinds_b": KINDS_B, "kinds_c": KINDS_C}
+ASKED = tuple(_UNKNOWN)
 FILES = (
     "independent.py",
     "independent_arm.py",
     "independent_effects.py",
     "unknown.py",
-    "touched.py",
-    "untouched.py",
+    *(f"{group}.py" for group in ASKED),
     "second_generator.py",
     "fresh_poses.py",
 )
@@ -50,6 +53,8 @@ PLANNED = (40, 24, 60, 14)
 STRESSED = ("nominal", "shared", "nominal", "sigma_too_small", "nominal", "quantised", "repeatability")
 UNKNOWN = (40, 14)
 """Poses of the campaigns of untouched kinds."""
+MORE = 8
+"""Visits of a second day, for the unknown kinds."""
 _WORSE, _HARM = 1.02, 1.05
 """How many times larger errors at fresh poses may be than those of the springs alone."""
 PLAIN = 5.0
@@ -136,15 +141,11 @@ def _unknowns(group: str, seeds: int, base: int) -> Iterator[Case]:
                 yield _case(group, label, number, base, wanted=10.0, poses=poses)
 
 
-_UNKNOWN = {"untouched": UNTOUCHED, "touched": TOUCHED}
-
-
 _MAKERS: dict[str, Callable[[int, int], Iterator[Case]]] = {
     "second_effects": _effects,
     "second_nulls": _nulls,
     "second_structures": _structures,
-    "untouched": partial(_unknowns, "untouched"),
-    "touched": partial(_unknowns, "touched"),
+    **{group: partial(_unknowns, group) for group in ASKED},
 }
 
 
@@ -288,19 +289,57 @@ def answer(told: Told, fresh: bool = False) -> Result:
         for found in d.findings
     ]
     return {
+        "after": None if fresh is not True or not told.place else second_day(told, d),
         "outcome": "done",
         "seconds": seconds,
         "verdict": d.verdict,
         "findings": findings,
         "leftovers": [[x.law.name, float(x.p_value)] for x in d.leftovers[:3]],
         "learned": None if d.taught is None else [d.taught.name, d.taught.holds, round(d.taught.gain, 3)],
+        **_said(d),
+        "fresh": _fresh(told, d) if fresh else None,
+        "rms_mm": [round(1e3 * v, 5) for v in (d.rms.heldout_identified, d.rms.heldout_extended, d.rms.noise)],
+    }
+
+
+def second_day(told: Told, found: Diagnosis) -> Result | None:
+    """What the diagnosis says of both days, after the visits that it asked for; None where it asked for none."""
+    from qsframework.diagnose import diagnose
+    from qsframework.discriminate import follow_up
+    from qsframework.errors import QsfError
+    from qsframework.experiment import load_experiment, read_readings
+
+    first = told.campaign.setting
+    visits = told.campaign.visits[0]
+    try:
+        start = time.process_time()
+        asked = follow_up(found, MORE)
+        seconds = round(time.process_time() - start, 2)
+        assert visits is not None
+        shown, pull = (visits[1].shown, asked.plan.pendant), (visits[1].force, asked.plan.wrench[:, :3])
+        both = replace(first, plan=np.concatenate(shown), pull=np.concatenate(pull), poses=first.poses + MORE)
+        day = Campaign(both)
+        clean, before = day.clean(told.hidden, told.campaign.built)[0], told.campaign.clean(told.hidden)[0]
+        later = noisy(day, (clean,))[0][first.poses :]
+        tables = (np.concatenate([clean[: first.poses] + noisy(told.campaign, (before,))[0] - before, later]),)
+        with tempfile.TemporaryDirectory() as folder:
+            experiment = load_experiment(write_campaign(day, tables, Path(folder)))
+            assert experiment.data is not None
+            d = diagnose(experiment, read_readings(experiment.data, experiment))
+    except (QsfError, NoRest) as error:
+        return {"error": f"{type(error).__name__}: {error}"[:200]}
+    chances = [round(v, 3) for v in (asked.before, asked.after, asked.variable_before, asked.variable_after)]
+    return {"seconds": seconds, "chances": chances, "verdict": d.verdict, **_said(d)}
+
+
+def _said(d: Diagnosis) -> Result:
+    """Places and variables that an answer speaks of."""
+    return {
         "said": [[sorted(words) for words in both] for both in spoken(d)],
         "among": [[sorted(words) for words in both] for both in among(d)],
         "alike": [[sorted(words) for words in both] for both in alike(d)],
         "places": len(d.places),
-        "same_motion": len(d.same_motion),
-        "fresh": _fresh(told, d) if fresh else None,
-        "rms_mm": [round(1e3 * v, 5) for v in (d.rms.heldout_identified, d.rms.heldout_extended, d.rms.noise)],
+        "share": round(d.places[0].share, 3) if d.places else 0.0,
     }
 
 
@@ -392,13 +431,19 @@ def learned_rows(results: Sequence[Result]) -> list[Row]:
     return [row for row in out if row[4]]
 
 
+def _title(group: str) -> str:
+    """What its kinds are called: untouched kinds, kinds a."""
+    return group.replace("_", " ") if "_" in group else f"{group} kinds"
+
+
 def _unknown_rows(group: str, unknown: Sequence[Result]) -> list[Row]:
-    out = [rate(f"{group} kinds, s = 10: confidently wrong", "<= 5 %", unknown, wrong)]
-    out.append(rate(f"{group} kinds: explained by a law of the library", "-", unknown, _explained))
-    out.append(rate(f"{group} kinds: nothing said", "-", unknown, lambda r: not alarmed(r)))
+    kinds = _title(group)
+    out = [rate(f"{kinds}, s = 10: confidently wrong", "<= 5 %", unknown, wrong)]
+    out.append(rate(f"{kinds}: explained by a law of the library", "-", unknown, _explained))
+    out.append(rate(f"{kinds}: nothing said", "-", unknown, lambda r: not alarmed(r)))
     for poses in ("", *UNKNOWN):
         own = [r for r in unknown if poses in ("", r["poses"])]
-        where = f"{group} kinds" + (f", {poses} poses" if poses else "")
+        where = f"{kinds}" + (f", {poses} poses" if poses else "")
         goals = (">= 95 %", ">= 85 %") if not poses else ("-", "-")
         out.append(rate(f"{where}: place right", goals[0], own, lambda r: place_right(r["said"], r["place"])))
         out.append(rate(f"{where}: place and variable right", goals[1], own, _variable_right))
@@ -409,10 +454,10 @@ def _unknown_rows(group: str, unknown: Sequence[Result]) -> list[Row]:
         out.append(rate(f"{where}: place, or one that moves the markers alike", "-", moved, _place_alike))
     for poses, goal in ((40, 80.0), (14, 65.0)):
         own = [r for r in unknown if r["poses"] == poses and r["fresh"] is not None]
-        words = f"{group} kinds, {poses} poses: share of the oracle's gain at fresh poses, median"
+        words = f"{kinds}, {poses} poses: share of the oracle's gain at fresh poses, median"
         out.append(_median(words, goal, _shares(own, lambda f: f.share)))
         out.append(_median(f"{words}, in RMS", 0.0, _shares(own, lambda f: f.share_of_rms)))
-        out.append(rate(f"{group} kinds, {poses} poses: worse than the springs by 2 %", "<= 5 %", own, _worse))
+        out.append(rate(f"{kinds}, {poses} poses: worse than the springs by 2 %", "<= 5 %", own, _worse))
     return out
 
 
@@ -584,7 +629,7 @@ def unknown_report(results: Sequence[Result]) -> str:
         some = [r for r in own if r["group"] == group]
         done = [r for r in some if r["outcome"] == "done"]
         if some:
-            out += [f"#### {group.capitalize()} kinds", table(HEAD, [r for r in _unknown_rows(group, done) if r[4]])]
+            out += [f"#### {_title(group).capitalize()}", table(HEAD, [r for r in _unknown_rows(group, done) if r[4]])]
             out += [by_kind(some, group)]
     return "\n\n".join([*out, _outcomes(own)])
 

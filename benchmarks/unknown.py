@@ -2,9 +2,9 @@
 
 Each says which place it has and on which variable it depends: a place is a drive, link, base, tool, marker, the load or
 the readings; a variable is the own torque, the own angle, another joint's torque or angle, the load, the attitude
-against gravity, the order of the readings, or the approach: where a joint came from, by the pose that was visited
-before. Where a law multiplies its own torque by another joint's angle or torque, by the approach or by the attitude,
-the variable is that other one. Sizes are those of real arms.
+against gravity, the order of the readings, the approach: where a joint came from, by the pose that was visited before,
+or hysteresis: what the poses before that have left, too. Where a law multiplies its own torque by another joint's angle
+or torque, by the approach or by the attitude, the variable is that other one. Sizes are those of real arms.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from independent_arm import GRAVITY, Arm, Array, Hidden, Rest, Vector
+from independent_arm import GRAVITY, Arm, Array, Hidden, Rest, Spring, Vector
 
 DOWN = GRAVITY / np.linalg.norm(GRAVITY)
 
@@ -113,3 +113,101 @@ def softer(arm: Arm, k: int, kind: str, variable: str, law: Callable[[Array, Res
 def beyond(value: Array, hold: float) -> Array:
     """The part (N,) of a moment that is larger than what holds, either way."""
     return np.asarray(np.sign(value) * np.maximum(np.abs(value) - hold, 0.0), dtype=np.float64)
+
+
+def rises(value: Array, at: float, width: float) -> Array:
+    """From 0 to 1 (N,) about a value."""
+    return np.asarray(0.5 * (1.0 + np.tanh((value - at) / width)), dtype=np.float64)
+
+
+def main_compliance(arm: Arm) -> float:
+    """Mean of the three main gears, rad/(N m)."""
+    return float(np.mean(arm.compliance[:3]))
+
+
+def line_of(arm: Arm, k: int) -> Array:
+    """From joint k to the next one (3,) m, frame of link k."""
+    return np.asarray(arm.links[k + 1].origin, dtype=np.float64)
+
+
+def across(line: Array, rng: np.random.Generator) -> Vector:
+    """A random axis across a line."""
+    way = np.cross(line, any_way(rng))
+    return vector(np.asarray(way / np.linalg.norm(way), dtype=np.float64))
+
+
+def shifted_marker(m: int, law: Callable[[Rest], Array]) -> Callable[[float], Hidden]:
+    """Marker m is shifted by (N, 3) m, base frame, of the arm at rest."""
+
+    def make(size: float) -> Hidden:
+        def read(p: Array, still: Rest) -> Array:
+            out = p.copy()
+            out[:, m] += size * law(still)
+            return out
+
+        return Hidden(readings=(read,))
+
+    return make
+
+
+def carried(still: Rest, step: Callable[[float, int], float]) -> Array:
+    """A state (N,) that lasts from visit to visit, 0 before the first: step(state, row) is the one after that row."""
+    out, state = np.zeros(len(still.visits.order)), 0.0
+    for i in map(int, np.argsort(still.visits.order, kind="stable")):
+        state = step(state, i)
+        out[i] = state
+    return out
+
+
+def dragged(still: Rest, value: Array, wide: float) -> Array:
+    """Where (N,) something lies that is dragged along by a value as soon as that is farther from it than `wide`."""
+    return carried(still, lambda lies, i: float(np.clip(lies, value[i] - wide, value[i] + wide)))
+
+
+def borne(arm: Arm, k: int) -> float:
+    """Torque (N m) that the payload can put on joint k: less than on a stretched arm where that lies along its axis."""
+    first, *further = [np.array(v) for v in (*(link.origin for link in arm.links[k + 1 :]), arm.tool)]
+    reach = float(np.linalg.norm(np.cross(arm.links[k].axis, first))) + sum(float(np.linalg.norm(v)) for v in further)
+    return 9.81 * arm.payload * reach
+
+
+def span(arm: Arm, k: int) -> float:
+    """Range of a joint, rad."""
+    low, high = arm.links[k].limits
+    return float(np.deg2rad(high - low))
+
+
+def springs(
+    k: int,
+    where: str,
+    axes: tuple[Vector, ...],
+    law: Callable[[Array, Rest], Array],
+    at: Vector = (0.0, 0.0, 0.0),
+    slide: bool = False,
+) -> Callable[[float], Hidden]:
+    """Places of an arm that turn about axes, or slide along them, each by its own moment or force (N,) and the arm."""
+
+    def make(size: float) -> Hidden:
+        def sized(own: Array, still: Rest) -> Array:
+            return size * law(own, still)
+
+        return Hidden(springs=tuple(Spring(k, where, axis, slide=slide, at=at, law=sized) for axis in axes))
+
+    return make
+
+
+def tracker(law: Callable[[Array, Rest], Array], station: Array) -> Callable[[float], Hidden]:
+    """A tracker at a station m turns by rotation vectors (N, 3), of the markers (N, K, 3) m and the arm at rest."""
+
+    def make(size: float) -> Hidden:
+        def read(p: Array, still: Rest) -> Array:
+            return np.asarray(p + size * np.cross(law(p, still)[:, None], p - station), dtype=np.float64)
+
+        return Hidden(readings=(read,))
+
+    return make
+
+
+def station(rng: np.random.Generator) -> Array:
+    """Where a tracker may stand (3,) m, base frame."""
+    return np.array([rng.uniform(4.5, 6.0), rng.uniform(-2.0, 2.0), rng.uniform(-0.5, 1.0)])

@@ -6,23 +6,26 @@ to find them. Each differs in law from those of `touched.py` and `untouched.py` 
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
-from independent_arm import Arm, Array, Hidden, Rest, Spring, Vector, moved
+from independent_arm import Arm, Array, Hidden, Rest, Spring, moved
 from unknown import (
     DOWN,
     Maker,
     Unknown,
+    across,
     any_level,
     any_way,
     came_by,
     drive,
     either_side,
     gear,
+    line_of,
+    main_compliance,
     middle_angle,
     of_payload,
     one_across,
+    rises,
+    shifted_marker,
     softer,
     typical,
     vector,
@@ -30,41 +33,6 @@ from unknown import (
 
 _LEVEL = np.array([1.0, 1.0, 0.0])
 """Keeps the level part of a force."""
-
-
-def _rises(value: Array, at: float, width: float) -> Array:
-    """From 0 to 1 (N,) about a value."""
-    return np.asarray(0.5 * (1.0 + np.tanh((value - at) / width)), dtype=np.float64)
-
-
-def _main(arm: Arm) -> float:
-    """Compliance of the three main gears, rad/(N m)."""
-    return float(np.mean(arm.compliance[:3]))
-
-
-def _line(arm: Arm, k: int) -> Array:
-    """From joint k to the next one (3,) m, frame of link k."""
-    return np.asarray(arm.links[k + 1].origin, dtype=np.float64)
-
-
-def _across(line: Array, rng: np.random.Generator) -> Vector:
-    """A random axis across a line."""
-    way = np.cross(line, any_way(rng))
-    return vector(np.asarray(way / np.linalg.norm(way), dtype=np.float64))
-
-
-def _marker(m: int, law: Callable[[Rest], Array]) -> Callable[[float], Hidden]:
-    """Marker m is shifted by (N, 3) m, base frame, of the arm at rest."""
-
-    def make(size: float) -> Hidden:
-        def read(p: Array, still: Rest) -> Array:
-            out = p.copy()
-            out[:, m] += size * law(still)
-            return out
-
-        return Hidden(readings=(read,))
-
-    return make
 
 
 # ---------------------------------------------------------------- drives
@@ -143,23 +111,25 @@ def split_housing(arm: Arm, rng: np.random.Generator) -> Unknown:
 
     def make(size: float) -> Hidden:
         def law(own: Array, still: Rest) -> Array:
-            return size * own * _rises(side * still.angles[:, k], side * seam, 0.2)
+            return size * own * rises(side * still.angles[:, k], side * seam, 0.2)
 
         return Hidden(springs=(Spring(k, "before", axis, law=law),))
 
-    return Unknown("split_housing", f"j{k + 1}", "torque x angle", make, 0.05 * _main(arm), 1.0 * _main(arm))
+    return Unknown(
+        "split_housing", f"j{k + 1}", "torque x angle", make, 0.05 * main_compliance(arm), 1.0 * main_compliance(arm)
+    )
 
 
 def seating_extension(arm: Arm, rng: np.random.Generator) -> Unknown:
     """A link was lengthened by a piece that does not sit squarely on its dowels. More than a certain load seats it with
     a click, and the link is kinked by a small angle as long as that load hangs."""
     k = drive(arm, rng, (1, 2, 3))
-    line = _line(arm, k)
-    axis, at, enough = _across(line, rng), vector(0.5 * line), rng.uniform(0.45, 0.75)
+    line = line_of(arm, k)
+    axis, at, enough = across(line, rng), vector(0.5 * line), rng.uniform(0.45, 0.75)
 
     def make(size: float) -> Hidden:
         def law(own: Array, still: Rest) -> Array:
-            return size * _rises(of_payload(arm, still.visits.force), enough, 0.04)
+            return size * rises(of_payload(arm, still.visits.force), enough, 0.04)
 
         return Hidden(springs=(Spring(k, "after", axis, at=at, law=law),))
 
@@ -170,8 +140,8 @@ def whipping_shaft(arm: Arm, rng: np.random.Generator) -> Unknown:
     """The long shaft of a wrist's drive runs through the forearm. Above a certain torque, of either sign, it bows out
     against its steady bearing and bends the forearm to that side."""
     k, other = drive(arm, rng, (2, 3)), drive(arm, rng, (4, 5))
-    line, full = _line(arm, k), typical(arm, other)
-    axis, at, free = _across(line, rng), vector(0.5 * line), rng.uniform(0.15, 0.3) * full
+    line, full = line_of(arm, k), typical(arm, other)
+    axis, at, free = across(line, rng), vector(0.5 * line), rng.uniform(0.15, 0.3) * full
 
     def make(size: float) -> Hidden:
         def law(own: Array, still: Rest) -> Array:
@@ -196,7 +166,7 @@ def four_feet(arm: Arm, rng: np.random.Generator) -> Unknown:
 
         return Hidden(springs=(Spring(0, "foot", (1, 0, 0), law=law), Spring(0, "foot", (0, 1, 0), law=law)))
 
-    return Unknown("four_feet", "base", "other angle", make, 0.01 * _main(arm), 0.2 * _main(arm))
+    return Unknown("four_feet", "base", "other angle", make, 0.01 * main_compliance(arm), 0.2 * main_compliance(arm))
 
 
 def wound_stand(arm: Arm, rng: np.random.Generator) -> Unknown:
@@ -262,10 +232,10 @@ def snapping_cover(arm: Arm, rng: np.random.Generator) -> Unknown:
     limit = rng.uniform(0.15, 0.35) * full
 
     def law(still: Rest) -> Array:
-        share = _rises(side * still.torque[:, other], limit, 0.05 * full)
+        share = rises(side * still.torque[:, other], limit, 0.05 * full)
         return share[:, None] * moved(still.turned[:, -1], way)
 
-    return Unknown("snapping_cover", f"m{m + 1}", "other torque", _marker(m, law), 3e-5, 6e-4)
+    return Unknown("snapping_cover", f"m{m + 1}", "other torque", shifted_marker(m, law), 3e-5, 6e-4)
 
 
 def second_ball(arm: Arm, rng: np.random.Generator) -> Unknown:
@@ -277,7 +247,7 @@ def second_ball(arm: Arm, rng: np.random.Generator) -> Unknown:
         other = still.visits.loaded * (still.visits.order >= shift)
         return other[:, None] * moved(still.turned[:, -1], way)
 
-    return Unknown("second_ball", f"m{m + 1}", "order", _marker(m, law), 3e-5, 5e-4)
+    return Unknown("second_ball", f"m{m + 1}", "order", shifted_marker(m, law), 3e-5, 5e-4)
 
 
 def parked_forklift(arm: Arm, rng: np.random.Generator) -> Unknown:

@@ -19,12 +19,17 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 import independent_effects as effects
 from independent import Built, Campaign, Setting, Unreachable, noisy, write_campaign
 from independent_arm import ARMS, GASSED, HEAVY, LOOP, SMALL, Arm, Array, Hidden, Spring, positions, rest, still_visits
+from kinds_a import KINDS_A
+from kinds_b import KINDS_B
+from kinds_c import KINDS_C
 from touched import TOUCHED
 from unknown import Maker
 from untouched import UNTOUCHED
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
-GENERATOR = ("independent", "independent_arm", "independent_effects", "unknown", "touched", "untouched")
+UNKNOWN = {"touched": TOUCHED, "untouched": UNTOUCHED, "kinds_a": KINDS_A, "kinds_b": KINDS_B, "kinds_c": KINDS_C}
+GENERATOR = ("independent", "independent_arm", "independent_effects", "unknown", *UNKNOWN)
+MAKERS = [maker for makers in UNKNOWN.values() for maker in makers]
 
 
 def answer(setting: Setting, hidden: Hidden, folder: Path) -> Diagnosis:
@@ -138,13 +143,13 @@ def test_what_the_fitted_springs_absorb_has_no_size() -> None:
 
 
 def test_unknown_kinds_are_many_and_each_has_its_own_name() -> None:
-    kinds = [maker.__name__ for maker in (*TOUCHED, *UNTOUCHED)]
+    kinds = [maker.__name__ for maker in MAKERS]
     assert len(TOUCHED) >= 12
-    assert len(UNTOUCHED) >= 16
+    assert all(len(UNKNOWN[group]) >= 16 for group in UNKNOWN if group != "touched")
     assert len(set(kinds)) == len(kinds)
 
 
-@pytest.mark.parametrize("maker", [*TOUCHED, *UNTOUCHED])
+@pytest.mark.parametrize("maker", MAKERS)
 def test_an_unknown_kind_is_seen_beside_the_fitted_springs(maker: Maker) -> None:
     """On one arm or another it moves the readings by s = 10 within sizes that are real, and not at all at size 0."""
     for seed, arm in enumerate((HEAVY, SMALL, LOOP)):
