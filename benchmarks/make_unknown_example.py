@@ -14,6 +14,7 @@ import csv
 import re
 import shlex
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,12 @@ GEAR, BY, NAME = 4, 3, "learned[j5/j4]"
 TORQUE = 1000.0
 """N m, for which the curve is told."""
 WRITTEN = "--json unknown.json --report unknown.html --extend unknown"
+FEW, MORE = 8, 8
+ASK = "qsf diagnose examples/unknown_effect/experiment.yaml examples/unknown_effect/first_day.csv --follow-up 8"
+AGAIN = (
+    "qsf diagnose examples/unknown_effect/experiment.yaml examples/unknown_effect/first_day.csv "
+    "examples/unknown_effect/second_day.csv --json both_days.json"
+)
 EXTEND = f"qsf diagnose examples/unknown_effect/experiment.yaml {WRITTEN}"
 README = """# Readings whose cause is not in the library
 
@@ -63,6 +70,30 @@ qsf compensate unknown/experiment.yaml unknown_fit.json examples/unknown_effect/
 
 ```text
 {note}
+```
+
+## With eight poses, and a second day
+
+The first {few} of these poses show something at the fifth drive, and the likeliest law there is one of several. `--follow-up`
+chooses the visits of a second day, two of them repeats, that settle it:
+
+```sh
+{ask}
+```
+
+```text
+{chances}
+```
+
+The same arm was measured at these visits. Both days in one call settle place and variable, and the law is learned from
+{both} poses:
+
+```sh
+{again}
+```
+
+```text
+{settled}
 ```
 
 <details><summary>What was hidden</summary>
@@ -109,6 +140,33 @@ def targets(made: Campaign, path: Path) -> None:
             rows.writerow([name, *(f"{a:.3f}" for a in q), 0, 0, f"{weight:.1f}"])
 
 
+def two_days(made: Campaign, size: float, folder: Path) -> None:
+    """The first poses as a day of their own, and the visits that its diagnosis asks for, measured by the same arm."""
+    from qsframework.diagnose import diagnose
+    from qsframework.discriminate import follow_up
+    from qsframework.experiment import load_experiment, read_readings
+
+    assert made.setting.plan is not None
+    first = Campaign(replace(made.setting, poses=FEW, plan=made.setting.plan[:FEW]))
+    _day(first, size, made, folder / "first_day.csv", 0)
+    experiment = load_experiment(folder / "experiment.yaml")
+    asked = follow_up(diagnose(experiment, read_readings([folder / "first_day.csv"], experiment)), MORE)
+    visits = first.visits[0]
+    assert visits is not None
+    plan = np.concatenate([visits[1].shown, np.deg2rad(np.round(np.rad2deg(asked.plan.pendant), 3))])
+    pull = np.concatenate([visits[1].force, asked.plan.wrench[:, :3]])
+    both = Campaign(replace(made.setting, poses=FEW + MORE, plan=plan, pull=pull))
+    _day(both, size, made, folder / "second_day.csv", FEW)
+
+
+def _day(day: Campaign, size: float, made: Campaign, path: Path, first: int) -> None:
+    """The readings of a day from a pose on."""
+    with tempfile.TemporaryDirectory() as away:
+        write_campaign(day, noisy(day, day.clean(bent(size), made.built)), Path(away))
+        head, *rows = (Path(away) / "weights.csv").read_text().splitlines()
+    path.write_text("\n".join([head, *(row for row in rows if int(row.split(",")[0][1:]) > first)]) + "\n")
+
+
 def main() -> None:
     """Write the readings, run what the README runs, and write down what it says."""
     from typer.testing import CliRunner
@@ -126,6 +184,7 @@ def main() -> None:
     size = made.sized(bent, S, 1.0, 30.0)
     path = write_campaign(made, noisy(made, made.clean(bent(size))), folder)
     targets(made, folder / "targets.csv")
+    two_days(made, size, folder)
     experiment = load_experiment(path)
     found = diagnose(experiment, read_readings(experiment.data, experiment))
     assert found.taught is not None
@@ -146,6 +205,7 @@ def main() -> None:
         commands.append("qsf identify unknown/experiment.yaml --json unknown_fit.json --report unknown_fit.html")
         corrected = f"qsf compensate unknown/experiment.yaml unknown_fit.json {folder}/targets.csv -o corrected.csv"
         commands.append(corrected)
+        commands += [c.replace("examples/unknown_effect", str(folder)) for c in (ASK, AGAIN)]
         runner = CliRunner()
         said = [_run(runner, app, command, Path(away)) for command in commands]
     note = next(line for line in said[2].splitlines() if "was learned between" in line)
@@ -161,6 +221,12 @@ def main() -> None:
         sds=" | ".join(f"{v:.0f}" for v in sd),
         hidden=listed(hidden),
         note=note,
+        few=FEW,
+        both=FEW + MORE,
+        ask=ASK,
+        again=AGAIN,
+        chances=next(x for x in said[3].splitlines() if "visits bring the chance" in x),
+        settled=said[4].splitlines()[0],
         size=1e6 * size * SOFTER,
         phase=PHASE,
         s=made.s(bent(size)),

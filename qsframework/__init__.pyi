@@ -9,7 +9,7 @@ from .applications.stiffness import stiffness_at
 from .applications.targets import joint_targets as joint_targets, read_targets as read_targets
 from .design import design as design
 from .diagnose import diagnose as diagnose
-from .discriminate import second_day as second_day
+from .discriminate import follow_up as follow_up
 from .errors import (
     InputError as InputError,
     NotCertified as NotCertified,

@@ -11,7 +11,7 @@ from qsframework.cli.printing import print_folded, print_line, print_table
 from qsframework.cli.progress import Tell, progress
 from qsframework.diagnose import LEVEL, STEPS, Diagnosis, diagnose
 from qsframework.diagnose.extend import check_folder
-from qsframework.discriminate import Discrimination, SecondDay
+from qsframework.discriminate import Discrimination, FollowUp
 from qsframework.discriminate.separations import separations
 from qsframework.errors import InputError
 from qsframework.experiment import load_experiment, read_readings
@@ -23,8 +23,8 @@ from qsframework.work import HERE, Work
 class DiagnoseFiles:
     """What the command reads, and what it writes where it is asked to.
 
-    extend: a folder, doubtful: with the doubtful names too; second_day: a plan to write; plan: one to judge before
-    measuring; output: of --separate
+    extend: a folder, doubtful: with the doubtful names too; plan: one to judge before measuring; output: the
+    plan of --follow-up or --separate
     """
 
     experiment: Path
@@ -33,18 +33,18 @@ class DiagnoseFiles:
     report: Path | None = None
     extend: Path | None = None
     doubtful: bool = False
-    second_day: Path | None = None
     plan: Path | None = None
-    output: Path = Path("separate.csv")
+    output: Path | None = None
 
 
 @dataclass(frozen=True)
 class Asked:
-    """How to diagnose; separate: two causes that poses are to tell apart, instead of a diagnosis; verbose: list all
-    causes, also those that are excluded or invisible."""
+    """How to diagnose; follow_up: visits of a second day, 0: none; separate: two causes that `count` poses are to tell
+    apart, instead of a diagnosis; verbose: list all causes, also those that are excluded or invisible."""
 
     level: float = LEVEL
     seed: int = 0
+    follow_up: int = 0
     count: int = 12
     separate: tuple[str, str] | None = None
     verbose: bool = False
@@ -52,7 +52,7 @@ class Asked:
 
 def run_diagnose(files: DiagnoseFiles, asked: Asked, work: Work = HERE) -> None:
     """Diagnose readings, or judge a plan, or design poses that separate two causes."""
-    from qsframework.cli.diagnose_plan import run_foresight, run_second_day, run_separate
+    from qsframework.cli.diagnose_plan import run_follow_up, run_foresight, run_separate
     from qsframework.report.words.discrimination import discrimination_words, not_separated_words
 
     if files.plan is not None:
@@ -65,9 +65,11 @@ def run_diagnose(files: DiagnoseFiles, asked: Asked, work: Work = HERE) -> None:
     sources = readings_files(experiment, files.data, f"them: qsf diagnose {files.experiment} readings.csv")
     if asked.separate is not None:
         _alone(files, asked, "--separate")
-        run_separate(files.experiment, list(sources), asked.separate, asked.count, files.output, files.json, asked.seed)
+        output = files.output or Path("separate.csv")
+        run_separate(files.experiment, list(sources), asked.separate, asked.count, output, files.json, asked.seed)
         return
-    outputs = (files.json, files.report, files.second_day)
+    plan = (files.output or Path("follow-up.csv")) if asked.follow_up else None
+    outputs = (files.json, files.report, plan)
     distinct_outputs(outputs, [files.experiment, *sources], folder=files.extend)
     if files.extend is not None:
         check_folder(experiment, files.extend)
@@ -80,11 +82,11 @@ def run_diagnose(files: DiagnoseFiles, asked: Asked, work: Work = HERE) -> None:
     for said in (*(line for pair in pairs for line in discrimination_words(pair)), *not_separated_words(missing)):
         print_folded(said)
     day, lost = None, None
-    if files.second_day is not None:
+    if plan is not None:
         try:
-            day = run_second_day(found, asked.count, files.second_day, asked.seed)
-        except InputError as error:  # nothing is left to separate: the other files are written all the same
-            lost = InputError(f"--second-day: {error}")
+            day = run_follow_up(found, asked.follow_up, plan, asked.seed)
+        except InputError as error:  # nothing is open: the other files are written all the same
+            lost = InputError(f"--follow-up: {error}")
     _write(found, pairs, day, files, [files.experiment, *sources])
     if lost is not None:
         raise lost
@@ -94,7 +96,7 @@ def _alone(files: DiagnoseFiles, asked: Asked, option: str) -> None:
     """InputError where options stand together that do not: a plan is judged before there are readings."""
     others = {
         "--extend": files.extend,
-        "--second-day": files.second_day,
+        "--follow-up": asked.follow_up or None,
         "--separate": asked.separate if option == "a plan" else None,
         "the readings": files.data or None if option == "a plan" else None,
         "--report": files.report if option == "--separate" else None,
@@ -105,15 +107,15 @@ def _alone(files: DiagnoseFiles, asked: Asked, option: str) -> None:
 
 
 def _write(
-    found: Diagnosis, pairs: Sequence[Discrimination], day: SecondDay | None, files: DiagnoseFiles, inputs: list[Path]
+    found: Diagnosis, pairs: Sequence[Discrimination], day: FollowUp | None, files: DiagnoseFiles, inputs: list[Path]
 ) -> None:
-    """The files that were asked for; pairs: what would separate rivals; day: the poses designed for that."""
+    """The files that were asked for; pairs: what would separate rivals; day: the visits that settle what is open."""
     if files.json is not None:
-        from qsframework.report.result_json import diagnosis_json, discrimination_json, second_day_json
+        from qsframework.report.result_json import diagnosis_json, discrimination_json, follow_up_json
 
         more = {
             "separations": [discrimination_json(pair) for pair in pairs],
-            "second_day": None if day is None else second_day_json(day),
+            "follow_up": None if day is None else follow_up_json(day),
         }
         write_json(files.json, diagnosis_json(found, pairs) | more)
         print(f"diagnosis: {files.json}")

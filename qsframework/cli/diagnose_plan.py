@@ -1,4 +1,4 @@
-"""`qsf diagnose` of a plan, `--separate`, `--second-day`: what a plan would show, which poses would show more."""
+"""`qsf diagnose` of a plan, `--separate`, `--follow-up`: what a plan would show, which poses would show more."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from qsframework.cli.design import read_taken
 from qsframework.cli.printing import print_folded, print_table, print_verdict
 from qsframework.cli.progress import progress
 from qsframework.diagnose.result import Diagnosis
-from qsframework.discriminate.follow_up import SecondDay, second_day
+from qsframework.discriminate.follow_up import FollowUp, follow_up
 from qsframework.errors import NotIdentifiable
 from qsframework.experiment import Experiment, Plan, Readings, load_experiment, read_plan, write_plan
 from qsframework.work import HERE, Work
@@ -115,16 +115,15 @@ def _left_over(experiment: Experiment, taken: Sequence[Plan | Readings]) -> floa
     return None
 
 
-def run_second_day(diagnosis: Diagnosis, count: int, output: Path, seed: int = 0) -> SecondDay:
-    """Design the poses that separate what a diagnosis left open, write them as a plan and say what they would tell."""
-    from qsframework.report.words.discrimination import second_day_words
+def run_follow_up(diagnosis: Diagnosis, count: int, output: Path, seed: int = 0) -> FollowUp:
+    """Choose the visits that settle what a diagnosis leaves open, write them as a plan and say what they would tell."""
+    from qsframework.report.words.discrimination import follow_up_words
 
     with progress() as tell:
-        found = second_day(diagnosis, count, seed=seed, progress=tell)
+        found = follow_up(diagnosis, count, seed=seed, progress=tell)
     write_plan(output, found.plan, diagnosis.experiment)
-    for line in second_day_words(found):
+    for line in follow_up_words(found):
         print_folded(line)
-    for first, second in found.hopeless:
-        print(f"`--separate {first} {second}` says what would separate them")
     print(f"plan: {output}")
+    print(f"next: qsf protocol {diagnosis.experiment.path} {output} -o sheet.html")
     return found

@@ -375,14 +375,30 @@ def diagnose(
             "--extend-doubtful", help="Extend by doubtful names too, whose held-out error does not clearly fall."
         ),
     ] = False,
-    second_day: Annotated[
-        Path | None, typer.Option("--second-day", help="Write a plan of poses that separate what is left open.")
-    ] = None,
+    follow_up: Annotated[
+        int,
+        typer.Option(
+            "--follow-up",
+            metavar="<N>",
+            help="Plan N visits of a second day that settle what is open.",
+            min=0,
+            max=1000,
+            show_default=False,
+        ),
+    ] = 0,
     separate: Annotated[
         tuple[str, str] | None, typer.Option(help="CAUSE CAUSE: only design poses that tell these two apart.")
     ] = None,
-    count: Annotated[int, typer.Option(help="Poses of --second-day and --separate.", min=1, max=1000)] = 12,
-    output: Annotated[Path, typer.Option("-o", "--output", help="The plan of --separate.")] = Path("separate.csv"),
+    count: Annotated[int, typer.Option(help="Poses of --separate.", min=1, max=1000)] = 12,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            help="The plan of --follow-up (follow-up.csv) or --separate (separate.csv).",
+            show_default=False,
+        ),
+    ] = None,
     verbose: Annotated[
         bool, typer.Option("--verbose", help="List all causes, excluded and invisible ones too.")
     ] = False,
@@ -406,11 +422,10 @@ def diagnose(
         report=report,
         extend=extend,
         doubtful=extend_doubtful,
-        second_day=second_day,
         plan=next(iter(given.get("plan", ())), None),
         output=output,
     )
-    run_diagnose(paths, Asked(level, seed, count, separate, verbose), Work(jobs, dask))
+    run_diagnose(paths, Asked(level, seed, follow_up, count, separate, verbose), Work(jobs, dask))
 
 
 add_commands(app)

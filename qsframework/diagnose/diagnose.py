@@ -9,8 +9,7 @@ from itertools import chain
 import numpy as np
 
 from qsframework.diagnose.evidence_table import findings_of, table_of
-from qsframework.diagnose.law import Law
-from qsframework.diagnose.learn import Lesson, lessons
+from qsframework.diagnose.learn import Lesson, foretold, lessons
 from qsframework.diagnose.likeness import alike
 from qsframework.diagnose.linearization.candidates import Cause, Untested, find_causes
 from qsframework.diagnose.linearization.columns import Case, make_case
@@ -35,7 +34,6 @@ from qsframework.diagnose.selection.closing_gate import (
     contested,
     finest,
     leftovers,
-    likely_places,
     named_in,
     on_one_axis,
 )
@@ -53,7 +51,7 @@ from qsframework.diagnose.selection.model_selection import (
     most_plausible,
     refit,
 )
-from qsframework.diagnose.selection.same_motion import same_motion
+from qsframework.diagnose.selection.places import Competition, compete
 from qsframework.diagnose.selection.search import LARGEST, parts_of
 from qsframework.diagnose.verdict import ambiguous, verdict_of
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
@@ -90,6 +88,13 @@ _ROUNDED = 0.5
 """Share of the noise below which what is left is rounding: the noise is never told below that."""
 _PREDICTS = 0.98
 """Share of the held-out error with some names below which a law stands in their place."""
+_AHEAD = 2.2
+"""Nats by which the causes of the library must be likelier than places that follow no law of it, for a name to be
+certain."""
+_LIKELY = 60
+"""Laws among which each fold chooses anew, to say whether what is learned predicts."""
+_SPEAKS, _BESIDE = 1.5, 4.0
+"""Nats for some part of the arm that moves from which on it is told: where nothing is named, and beside names."""
 STEPS = ("conventions", "baseline", "causes", "search", "closing gate", "held-out gain", "table", "noise")
 Progress = Callable[[str, int, int], None]
 
@@ -183,7 +188,9 @@ def diagnose(
     tell("table")
     threshold = library.scores.threshold(level * _LIBRARY_SHARE)
     findings = findings_of(library, answers, base.fit, held, threshold, _pose_names(base), seed)
-    findings = tuple(replace(f, instead=closing.rivals.get(f.name)) for f in findings)
+    race = closing.race if best is None and closing.race is not None else _competition(base)
+    rivals = {**_places_ahead(race, findings), **closing.rivals}
+    findings = tuple(replace(f, instead=rivals.get(f.name)) for f in findings)
     findings = (*_convention_findings(conventions), *findings)
     certain = _certain(base, best, findings)
     taught = _taught(base, best, certain, closing, level, seed, repeats)
@@ -194,14 +201,13 @@ def diagnose(
         account=_account(base, findings),
         experiment=base.experiment,
         readings=base.readings,
-        verdict=verdict_of(findings, closing.leftovers, after, bool(closing.rivals) or ambiguous(library, findings)),
+        verdict=verdict_of(findings, closing.leftovers, after, bool(rivals) or ambiguous(library, findings)),
         findings=findings,
         table=table_of(library, best, findings, base.untested),
         conventions=conventions,
         audit=audit,
         leftovers=closing.leftovers,
         places=closing.places,
-        same_motion=closing.same_motion,
         before=misfit(base.experiment, base.readings, base.rows, base.fit),
         after=after,
         rms=_errors(base, extended, held, given, audit),
@@ -212,6 +218,7 @@ def diagnose(
         certain=certain,
         taught=taught,
         case=base.case,
+        competition=race,
         method=Method(held, base.far, base.untold, one_pose, lone_visits(base.rows)),
         level=level,
         seed=seed,
@@ -220,18 +227,19 @@ def diagnose(
 
 @dataclass(frozen=True)
 class _Closing:
-    """What the names leave, where it may be and where the markers would move alike, by name the law that stands in its
-    place as well, those that cannot stand beside theirs, and what can be learned."""
+    """What the names leave and where it may be, by name the law that stands in its place as well, those that cannot
+    stand beside theirs, what can be learned and how well a choice among laws foretells, and how places compete."""
 
     leftovers: tuple[Leftover, ...]
     places: tuple[LikelyPlace, ...]
-    same_motion: tuple[Law, ...]
     rivals: Mapping[str, Leftover]
     beaten: Collection[str]
     lessons: Sequence[Lesson]
+    anew: float = 0.0
+    race: Competition | None = None
 
 
-_OPEN = _Closing((), (), (), {}, (), ())
+_OPEN = _Closing((), (), {}, (), ())
 """Where nothing may be said of what is left."""
 
 
@@ -571,13 +579,16 @@ def _close(base: _Baseline, best: Answer | None, fit: SettledFit, level: float, 
     tame = noise.colour(winsorised(fit.white, orthonormal(fit.jacobian)))
     fits = _fits(base.rows, columns)
     size = fits.unit(int(fits.choose(tame[:, None])[0]), tame)
-    left, likely, same = tuple[Leftover, ...](), list[Likely](), tuple[Law, ...]()
+    left, likely, places = tuple[Leftover, ...](), list[Likely](), tuple[LikelyPlace, ...]()
+    race: Competition | None = None
+    e = np.zeros(0)
     if size > _ROUNDED:
         left, e = leftovers(blocks, fits, tame, level, seed + 1, base.rows.mask.ravel())
-        likely = on_one_axis(blocks, e, fits, tame, fit.model.facts) if left else []
+        likely = on_one_axis(blocks, e, fits, tame, fit.model.facts)
         left = finest(left, likely)
-        if likely:
-            same = same_motion(moved, max(likely, key=lambda x: x.evidence).block, fits, tame)
+        race = compete(moved, fits, tame, {} if best else _visible_causes(base))
+        if left or race.margin > (_BESIDE if best else _SPEAKS):
+            places = race.likely([(x.whole, x.evidence) for x in likely])
     causes = {c.name: c.names for c in _causes(base, best)}
     rivals: dict[str, Leftover] = {}
     beaten: set[str] = set()
@@ -587,8 +598,43 @@ def _close(base: _Baseline, best: Answer | None, fit: SettledFit, level: float, 
         if rival is not None:
             rivals[name.name] = rival[0]
             beaten |= {name.name} if rival[1] else set()
-    taught = lessons(fit.model, [*blocks, *(x.block for x in likely)], left, len(blocks), fits, tame)
-    return _Closing(left, likely_places(likely), same, rivals, beaten, taught)
+    here = tuple(x for x in left if places and x.law.where in places[0].wheres)
+    taught = lessons(fit.model, [*blocks, *(x.block for x in likely)], here, len(blocks), fits, tame)
+    if here:  # a block that passed its own test says by which variable
+        left = (*here, *(x for x in left if x not in here))
+        same = (replace(places[0].law, by=()), *places[0].equivalent)
+        law = here[0].law
+        first = replace(places[0], law=law, equivalent=tuple(x for x in same if x.where != law.where))
+        places = (first, *places[1:])
+    elif race is not None and places:
+        p = left[0].p_value if left else float(np.exp(-race.margin))
+        left = (Leftover(places[0].law, p, race.margin), *left)
+    strong = sorted(zip(e.tolist(), blocks, strict=True), key=lambda x: -x[0])[:_LIKELY] if len(e) else []
+    among = [*(x.block.columns for x in likely), *(b.columns for _, b in strong)]
+    anew = foretold(among, fits, tame, np.repeat(base.rows.pose, 3)) if taught else 0.0
+    return _Closing(left, places, rivals, beaten, taught, anew, race)
+
+
+def _competition(base: _Baseline) -> Competition:
+    """Places and causes beside one another, at the fit of the springs alone."""
+    moved = motions(base.fit.model, base.rows, base.fit.x, base.fit.frames)
+    fits = _fits(base.rows, base.rows.padded_noise.colour(base.case.A))
+    return compete(moved, fits, base.values, _visible_causes(base))
+
+
+def _visible_causes(base: _Baseline) -> dict[str, Array]:
+    """Columns (m, p) m of each cause that the readings can show."""
+    seen = [s.visible for s in base.case.subspaces()]
+    return {c.name: base.case.metres(i) for i, (c, s) in enumerate(zip(base.case.causes, seen, strict=True)) if s}
+
+
+def _places_ahead(race: Competition, findings: Sequence[NamedCause]) -> dict[str, Leftover]:
+    """The likeliest law of a place, in the place of every name, where the causes are not plainly ahead of places."""
+    first = next((e for e in race.entries if not e.is_repeatability), None)
+    if first is None or race.causes_ahead > _AHEAD:
+        return {}
+    law = first.told(1.0).law
+    return {f.name: Leftover(law, float("nan"), first.evidence - race.causes.get(f.name, 0.0)) for f in findings}
 
 
 def _causes(base: _Baseline, best: Answer | None) -> list[Cause]:
@@ -606,9 +652,8 @@ def _taught(
     if best is not None and certain is not best.fit:
         closing = _close(base, None, certain, level * (1.0 - _LIBRARY_SHARE), seed)
     tried: list[Taught] = []
-    told = {x.law.where for x in (*closing.leftovers[:1], *closing.places)}
-    for lesson in (x for x in closing.lessons if x.leftover.law.where in told):
-        taught = _learned(base, best, certain, lesson, seed, repeats)
+    for lesson in closing.lessons:
+        taught = _learned(base, best, certain, lesson, closing.anew, seed, repeats)
         if taught is not None and taught.holds:
             return taught
         tried += [taught] if taught is not None else []
@@ -616,7 +661,7 @@ def _taught(
 
 
 def _learned(
-    base: _Baseline, best: Answer | None, certain: SettledFit, lesson: Lesson, seed: int, repeats: int
+    base: _Baseline, best: Answer | None, certain: SettledFit, lesson: Lesson, anew: float, seed: int, repeats: int
 ) -> Taught | None:
     """A law fitted exactly beside the certain names, with its held-out gain; None where no fit leads anywhere."""
     kept = [c for c in _causes(base, best) if set(c.names) <= set(certain.names)]
@@ -635,6 +680,7 @@ def _learned(
         heldout=held.rms_extended,
         gain=held.gain,
         clear=held.clear,
+        anew=anew,
         physical=all(bounds[n][0] <= v <= bounds[n][1] for n, v in fit.by_name().items()),
         alike=alike(base.case, kept, fit, lesson.leftover.law, lesson.cause),
     )

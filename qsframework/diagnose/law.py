@@ -26,13 +26,15 @@ FACTORS = (
 """On what it may depend beside angles: the torque there, torques about other axes, the moments
 where an end shifts, where gravity points, the order of
 the readings, from where the joint came, that a load hangs, nothing, a column that was recorded, the load's force."""
+OF_A_JOINT = ("torque ", "came ")
+"""Begin factors that are of another joint, by its name."""
 
 
 @dataclass(frozen=True)
 class Law:
     """place: name of the joint, link or marker, empty for all readings; by: the factors, angles by their joints with a
-    plus between; without a torque, `loaded` or `always` it grows with the torque there; axis: of several about or along
-    which a place may move, the one that it does, empty: all."""
+    plus between; without a torque, `loaded` or `always` it grows with the torque there, without any factor it differs
+    at each visit; axis: of several about or along which a place may move, the one that it does, empty: all."""
 
     part: Part
     place: str
@@ -42,7 +44,7 @@ class Law:
     @property
     def angles(self) -> tuple[str, ...]:
         """The factors that are angles."""
-        return tuple(f for f in self.by if f not in FACTORS)
+        return tuple(f for f in self.by if f not in FACTORS and not f.startswith(OF_A_JOINT))
 
     @property
     def joints(self) -> tuple[str, ...]:

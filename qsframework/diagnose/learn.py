@@ -15,13 +15,27 @@ import numpy as np
 from qsframework.diagnose.linearization.candidates import Cause
 from qsframework.diagnose.linearization.generic_blocks import Block, motions
 from qsframework.diagnose.result import Leftover, Taught
-from qsframework.diagnose.selection.evidence import DRAWS, prior_of
+from qsframework.diagnose.selection.cross_validation import parts_of_poses, standard_errors
+from qsframework.diagnose.selection.evidence import DRAWS, TAUS, prior_of
 from qsframework.elastostatics import Model
 from qsframework.estimation.visit_noise import Reml
 from qsframework.experiment.observations import ReadingRows
-from qsframework.plugin import Array, Conditions, Context, Effect, Poses, RobotFacts, Spring, SpringLaw, registry
+from qsframework.plugin import (
+    Array,
+    Conditions,
+    Context,
+    Effect,
+    Indices,
+    Poses,
+    RobotFacts,
+    Spring,
+    SpringLaw,
+    registry,
+)
 
 _TRIED = 3
+_PARTS = 10
+"""Folds in which the law is chosen anew."""
 _ODDS = 10.0
 """Of a law against nothing, which weighs as much as all laws together that were tried, from which on it is learned."""
 _CHANCE = 1.0 / DRAWS
@@ -66,6 +80,40 @@ def lessons(
         if len(out) == _TRIED:
             break
     return out
+
+
+def foretold(blocks: Sequence[Array], fits: Reml, values: Array, pose: Indices) -> float:
+    """By how many of its standard errors the error at poses left out falls with a law of readings (m,) m, where each
+    fold chooses among blocks (m, p) m anew; pose (m,): whose readings are left out together."""
+    k = int(fits.choose(values[:, None])[0])
+    noise, X = fits.noise.noises[k], fits.Q[k]
+    y, white = noise.whiten(values), [noise.whiten(b) for b in blocks]
+    before, after = np.zeros(len(y)), np.zeros(len(y))
+    for test in parts_of_poses(pose, _PARTS):
+        train = np.setdiff1d(np.arange(len(y)), test)
+        Q, R = np.linalg.qr(X[train])
+        rest = y[train] - Q @ (Q.T @ y[train])
+        found = max((_blup(Z[train] - Q @ (Q.T @ Z[train]), rest, Z) for Z in white), key=lambda x: x[0])
+        law = found[1]
+        for out, less in ((before, 0.0 * law), (after, law)):
+            b = np.linalg.solve(R, Q.T @ (y - less)[train])
+            out[test] = (y - less)[test] - X[test] @ b
+    return standard_errors(before, after, pose)
+
+
+def _blup(Z: Array, rest: Array, whole: Array) -> tuple[float, Array]:
+    """Evidence of columns Z (t, p) for residuals (t,), and what the law with its best weights does to all readings, by
+    their columns whole (m, p)."""
+    U, size, V = np.linalg.svd(Z, full_matrices=False)
+    seen = size > 1e-3 * max(float(size[0]), 1e-300)
+    c, lam = U[:, seen].T @ rest, np.square(size[seen] / size[0])
+    grown = np.square(TAUS)[:, None] * lam
+    free, total = len(rest) - len(lam), float(rest @ rest)
+    left = total - (np.square(c) * grown / (1.0 + grown)).sum(axis=1)
+    e = 0.5 * (free * np.log(total / np.maximum(left, 1e-12 * total)) - np.log1p(grown).sum(axis=1))
+    best = int(np.argmax(e))
+    weights = V[seen].T @ (c * grown[best] / (1.0 + grown[best]) / size[seen])
+    return float(e[best]), np.asarray(whole @ weights)
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from qsframework.diagnose.residuals.noise_components import NoiseAudit
     from qsframework.diagnose.selection.cross_validation import HeldOut
     from qsframework.diagnose.selection.exact_refit import SettledFit
+    from qsframework.diagnose.selection.places import Competition
     from qsframework.experiment import Experiment, Readings
     from qsframework.experiment.account import Account
     from qsframework.screening import Mistake
@@ -74,10 +75,18 @@ class Leftover:
 
 @dataclass(frozen=True)
 class LikelyPlace:
-    """A place of what is left: its likeliest law, and the share of the evidence that all laws there hold."""
+    """A place of what is left: its likeliest law, without factors where it differs at each visit; its share of the
+    evidence; how far it moves (sd over the visits, rad or m); and the places that move the markers alike."""
 
     law: Law
     share: float
+    sd: float = float("nan")
+    equivalent: tuple[Law, ...] = ()
+
+    @property
+    def wheres(self) -> set[tuple[str, str]]:
+        """Of itself and its equivalents."""
+        return {self.law.where, *(law.where for law in self.equivalent)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,9 +153,9 @@ class Taught:
 
     cause: its effect and weights; leftover: by which evidence; s: visible size in units of noise; fit: exact, beside
     the certain names; before, heldout: RMS per axis, m, at poses left out without and with it; gain: 1 - the one / the
-    other, in the noise; clear: by how many of its standard errors over the poses that lies above nothing;
-    physical: whether all values of the fit lie within their bounds; alike: causes of the library that it looks like,
-    the likest first
+    other, in the noise; clear: by how many of its standard errors over the poses that lies above nothing; anew: the
+    same where each fold chooses its law anew; physical: whether all values of the fit lie within their bounds; alike:
+    causes of the library that it looks like, the likest first
     """
 
     cause: Cause
@@ -157,6 +166,7 @@ class Taught:
     heldout: float
     gain: float
     clear: float
+    anew: float
     physical: bool
     alike: tuple[Alike, ...] = ()
 
@@ -168,7 +178,7 @@ class Taught:
     def holds(self) -> bool:
         """Whether poses left out are clearly predicted better with it, all values being possible: else it is not
         written."""
-        return self.clear >= _CLEAR and self.physical
+        return min(self.clear, self.anew) >= _CLEAR and self.physical
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -232,10 +242,9 @@ class Diagnosis(Viewed):
 
     baseline and extended: the exact fits without and with the named causes, certain: with those that are not doubtful,
     over the rows `kept` of `readings`; taught: a law that was learned of what the names leave; places: where that may
-    be, which hold 95 % of the evidence together; same_motion: the other places where some law, by a variable that is
-    open, could move the markers as the likeliest law does, to within the noise; outliers: rows that belong to nothing;
-    case: linearised at the baseline; before, after: their lack of fit; account: of the baseline, with the causes
-    that are open: named and not doubtful
+    be, which hold 95 % of the evidence together; outliers: rows that belong to nothing; case: linearised at the
+    baseline; competition: of all places and causes there; before, after: their lack of fit; account: of the baseline,
+    with the causes that are open: named and not doubtful
     """
 
     account: Account
@@ -248,7 +257,6 @@ class Diagnosis(Viewed):
     audit: NoiseAudit
     leftovers: tuple[Leftover, ...]
     places: tuple[LikelyPlace, ...]
-    same_motion: tuple[Law, ...]
     before: LackOfFit
     after: LackOfFit
     rms: Errors
@@ -259,6 +267,7 @@ class Diagnosis(Viewed):
     certain: SettledFit
     taught: Taught | None
     case: Case
+    competition: Competition
     method: Method
     level: float
     seed: int

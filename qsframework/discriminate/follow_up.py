@@ -1,193 +1,364 @@
-"""A second day: the poses that separate what the first one left open."""
+"""A second day: the visits that settle best which of all likely explanations is true.
+
+Explanations h: places that move by a law, and causes of the library. With X the fitted columns, Z those of h, its
+weights drawn from N(0, sd^2), and everything whitened, a fit of h to the first day has
+
+    P_h = [X Z_h]' [X Z_h] + diag(0, 1 / sd^2),   theta_h = P_h^-1 [X Z_h]' y.
+
+Were h true, a rival k would fit theta_{k|h}. A visit with columns F adds
+
+    delta_hk^2 += r' (I + F_k P_k^-1 F_k')^-1 r,   r = F_h theta_h - F_k theta_{k|h}
+
+and the visits make J = sum of sqrt(pi_h pi_k) exp(-delta_hk^2 / 8), over pairs that differ in place or variable, as
+small as they can (Bhattacharyya's bound of the chance to confuse them), greedily and then by exchange.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from qsframework.design import Candidates
 from qsframework.diagnose.linearization.candidates import Cause
-from qsframework.diagnose.result import Diagnosis, NamedCause
-from qsframework.diagnose.selection.principal_angles import ALIKE, smallest_angles
+from qsframework.diagnose.linearization.columns import make_case
+from qsframework.diagnose.linearization.generic_blocks import motions
+from qsframework.diagnose.linearization.place_motions import law_columns, places_of, variables
+from qsframework.diagnose.result import Diagnosis
+from qsframework.diagnose.selection.places import Explanation
 from qsframework.discriminate.alternatives import batch
-from qsframework.discriminate.pair import (
-    CANDIDATES,
-    CLOSE,
-    drawn,
-    plan_of,
-    with_loads,
-)
-from qsframework.discriminate.t_optimal import Chosen, ask, choose, limit_angle, told
-from qsframework.errors import InputError, Problem
-from qsframework.experiment import Plan, Readings
-from qsframework.plugin import Array, Poses
+from qsframework.discriminate.pair import CANDIDATES, drawn, with_loads
+from qsframework.errors import InputError
+from qsframework.experiment import Experiment, Marker, Plan, make_plan, make_rows
+from qsframework.experiment.readings import joined
+from qsframework.experiment.simulate import planned_readings
+from qsframework.experiment.stations import station_frame
+from qsframework.plugin import Array, Indices, Poses
+from qsframework.plugin.facts import frozen
 
-_MOST_RIVALS = 8
+COUNT = 8
+_AGAIN = 2
+"""Visits of a second day that repeat one of the first: they tell what a visit shares from what acts."""
+_WITHIN = 12.0
+"""Nats below the likeliest explanation within which others are looked at."""
+_AT_A_PLACE, _MOST = 5, 28
+_LOADS = 8
+"""Different loads of the first day up to which all of them may hang on the second, where none are listed."""
+_DRAWS = 400
 Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
-class PairContest:
-    """A named cause against one rival: s of the named one beside it and the angle (rad), before and after."""
+class Suspect:
+    """An explanation that the first day leaves open: a law of a place or a cause, in words of neither; share of the
+    evidence; place: number of the answer that it belongs to."""
 
-    first: str
-    second: str
-    s_before: float
-    s_after: float
-    angle_before: float
-    angle_after: float
+    law: Explanation | Cause
+    share: float
+    place: int
 
 
 @dataclass(frozen=True)
-class Crowded:
-    """A named cause with more rivals than were looked at."""
+class Reflector:
+    """A reflector that nobody has mounted yet, and the chance of the right place with it."""
 
-    name: str
-    rivals: int
-    looked: int
-
-
-@dataclass(frozen=True)
-class Waiting:
-    """Two causes that only a change of some columns of the readings tells apart."""
-
-    first: str
-    second: str
-    needs: tuple[str, ...]
+    marker: Marker
+    chance: float
 
 
 @dataclass(frozen=True, eq=False)
-class SecondDay:
-    """Poses that separate named causes from their rivals.
-
-    bound: the largest value that any choice gives the smallest s; hopeless: pairs that no pose separates; crowded:
-    causes of whose rivals only the likeliest were looked at; waiting: pairs that something else than the poses tells
-    apart
-    """
+class FollowUp:
+    """A second day: its visits, the chance that the likeliest place is the right one before and after, the same of
+    place and variable, reflectors that would raise it, the best first, and what was open."""
 
     plan: Plan
-    contests: tuple[PairContest, ...]
-    bound: float
-    hopeless: tuple[tuple[str, str], ...]
-    crowded: tuple[Crowded, ...]
-    waiting: tuple[Waiting, ...]
+    before: float
+    after: float
+    variable_before: float
+    variable_after: float
+    reflectors: tuple[Reflector, ...]
+    suspects: tuple[Suspect, ...]
 
 
-def second_day(
+def follow_up(
     diagnosis: Diagnosis,
-    count: int = 12,
+    count: int = COUNT,
     *,
     candidates: int | Candidates | Array = CANDIDATES,
     seed: int = 0,
     progress: Progress | None = None,
-) -> SecondDay:
-    """`count` poses that make the smallest s over all pairs of a named cause and a rival as large as they can.
+) -> FollowUp:
+    """`count` visits that settle best what a diagnosis leaves open, two of them as repeats of the first day's.
 
-    The size of a named cause is its estimate; the readings that the diagnosis kept count as taken. InputError where
-    nothing is left to separate.
+    Raises InputError where nothing is open, or no candidate is allowed.
     """
     tell: Progress = progress or (lambda step, done, total: None)
-    first_day = replace(diagnosis.readings, use=_kept(diagnosis))
-    experiment = with_loads(diagnosis.experiment, [first_day])
-    pairs, crowded, waiting = _pairs(diagnosis)
-    if not pairs:
-        others = [f"; {x.first} against {x.second}: vary {' and '.join(x.needs)}, not the poses" for x in waiting]
-        raise InputError("nothing is left to separate: the diagnosis names no cause" + "".join(others))
+    if diagnosis.verdict == "none":
+        raise InputError("nothing is open: the diagnosis names no cause and no place")
+    suspects = suspects_of(diagnosis)
+    experiment = _second(diagnosis)
+    if isinstance(candidates, int):
+        candidates = max(candidates // max(len(experiment.loads), 1), 4 * count)
     pendant = drawn(experiment, candidates, seed, tell)
-    poses, place, loads = batch(experiment, pendant)
-    sides = [_side(diagnosis, pair, experiment.fit_names(), poses, first_day, seed) for pair in pairs]
-    hopeless = tuple((s.first, s.second) for s in sides if s.limit < CLOSE)
-    open_ = [s for s in sides if s.limit >= CLOSE]
-    if not open_:
-        said = "; ".join(f"{a} and {b}" for a, b in hopeless)
-        message = f"no pose under these loads separates {said}: measure something different"
-        raise InputError(Problem(message, argument=("separate", " ".join(hopeless[0]))))
-    chosen = choose(
-        [s.rows for s in open_],
-        [s.before for s in open_],
-        count,
-        place,
-        seed,
-        progress=lambda i, n: tell("poses", i, n),
-    )
-    plan = plan_of(experiment, poses, loads, chosen, experiment.fit_names(), seed)
-    contests = tuple(s.contest(chosen) for s in open_)
-    return SecondDay(plan, contests, chosen.bound, hopeless, tuple(crowded), tuple(waiting))
+    pool = _pool(diagnosis, experiment, pendant)
+    tell("what the visits would show", 0, 1)
+    game = _game(diagnosis, experiment, suspects, pool)
+    again = np.flatnonzero(np.char.startswith(np.array(pool.pose), "again"))
+    chosen = game.choose(count, again, tell)
+    plan = _plan_of(experiment, pool, chosen, seed)
+    place, variable = game.chances(chosen, seed)
+    first, at_first = game.chances((), seed)
+    reflectors = _reflectors(diagnosis, experiment, suspects, plan, seed)
+    return FollowUp(plan, first, place, at_first, variable, reflectors, suspects)
+
+
+def suspects_of(diagnosis: Diagnosis) -> tuple[Suspect, ...]:
+    """What may be true of the first day: laws of places within reach of the likeliest, and causes of the library."""
+    found: list[tuple[float, Explanation | Cause, int]] = []
+    entries, causes = diagnosis.competition.entries, diagnosis.competition.causes
+    for number, entry in enumerate(entries):
+        laws = [e for e in entry.explanations if e.law.by][:_AT_A_PLACE]
+        found += [(e.evidence, e, number) for e in laws]
+    known = {c.name: c for c in diagnosis.case.causes}
+    found += [(e, known[name], len(entries) + i) for i, (name, e) in enumerate(causes.items()) if name in known]
+    found = sorted(found, key=lambda x: -x[0])[:_MOST]
+    near = [x for x in found if x[0] > found[0][0] - _WITHIN]
+    odds = np.exp([e - near[0][0] for e, _, _ in near]) if near else np.zeros(0)
+    return tuple(Suspect(law, float(p), n) for (_, law, n), p in zip(near, odds / odds.sum(), strict=True))
+
+
+def _second(diagnosis: Diagnosis) -> Experiment:
+    """The experiment of a second day, its noise as large as the first one's was found to be."""
+    first, experiment = diagnosis.readings, diagnosis.experiment
+    own = float(np.sqrt(np.nanmean(first.sigma[diagnosis.kept] ** 2))) * diagnosis.audit.unit
+    if bool((first.minus >= 0).any()):
+        experiment = with_loads(experiment, [first], _LOADS)
+    return experiment.with_(noise=replace(experiment.noise, sigma=own))
+
+
+def _pool(diagnosis: Diagnosis, experiment: Experiment, pendant: Array) -> Plan:
+    """Every candidate under every load, and the poses of the first day once more under theirs."""
+    first = diagnosis.readings
+    used = np.unique(first.plus[diagnosis.kept])
+    again = first.poses.take(used)
+    if experiment.loads:
+        poses, _, loads = batch(experiment, pendant)
+    else:
+        joints = experiment.robot.controller.to_joints(pendant)
+        poses, loads = Poses(pendant, joints, np.zeros((len(pendant), 6))), ("",) * len(pendant)
+    wrench = again.wrench * first.states.loaded[used, None]
+    names = [*(f"new{i}" for i in range(len(poses))), *(f"again {first.states.pose[i]}" for i in map(int, used))]
+    pairs = (poses.pendant, again.pendant), (poses.q, again.q), (poses.wrench, wrench)
+    shown, q, pulled = (np.concatenate(pair) for pair in pairs)
+    every = Poses(shown, q, pulled)
+    load = [*loads, *(_load_name(experiment, w) for w in wrench)]
+    return make_plan(every, load, names=names, units=experiment.robot.controller.units)
+
+
+def _load_name(experiment: Experiment, wrench: Array) -> str:
+    near = [c.name for c in experiment.loads if np.allclose(c.wrench, wrench, rtol=1e-3, atol=1e-6)]
+    return near[0] if near else ""
 
 
 @dataclass(frozen=True, eq=False)
-class _Side:
-    """One pair with its rows (N, k, w) over all candidates and those of the first day (m, w)."""
+class _Game:
+    """Columns of each of H explanations, whitened, their weights drawn with sd 1: first (m, p) at the first day, at
+    each of N visits (N, w, p); y (m,): the first day's readings; odds (H,); place, kind (H,): numbers of the answers;
+    free: how many columns, the first of each, are fitted freely."""
 
-    first: str
-    second: str
-    width: tuple[int, int]
-    rows: Array
-    before: Array
-    limit: float
+    first: tuple[Array, ...]
+    visits: tuple[Array, ...]
+    y: Array
+    odds: Array
+    place: Indices
+    kind: Indices
+    free: int
 
-    def contest(self, chosen: Chosen) -> PairContest:
-        added = self.rows[chosen.index].reshape(-1, self.rows.shape[-1])
-        start, end = told(self.before, self.width), told(np.concatenate([self.before, added]), self.width)
-        return PairContest(self.first, self.second, start[0], end[0], start[1], end[1])
+    @cached_property
+    def _prior(self) -> list[Array]:
+        widths = [int(C.shape[1]) for C in self.first]
+        return [np.diag([1e-9] * self.free + [1.0] * (width - self.free)) for width in widths]
+
+    @cached_property
+    def theta(self) -> list[Array]:
+        """What each would fit to the first day."""
+        pairs = zip(self.first, self._prior, strict=True)
+        return [np.asarray(np.linalg.solve(C.T @ C + prior, C.T @ self.y), dtype=np.float64) for C, prior in pairs]
+
+    @cached_property
+    def shown(self) -> Array:
+        """What each foretells of the visits (N, w, H)."""
+        return np.stack([F @ t for F, t in zip(self.visits, self.theta, strict=True)], axis=-1)
+
+    @cached_property
+    def _weights(self) -> Array:
+        """(H, H): of the pairs that differ in place or variable."""
+        apart = (self.place[:, None] != self.place) | (self.kind[:, None] != self.kind)
+        return np.sqrt(self.odds[:, None] * self.odds) * apart
+
+    def _gains(self, taken: Sequence[int], among: Indices) -> Array:
+        """By how much each visit (n,) would raise delta^2 [k, h] (H, H), after those that are taken."""
+        predicted = np.stack([C @ t for C, t in zip(self.first, self.theta, strict=True)], axis=-1)
+        out = np.empty((len(among), len(self.odds), len(self.odds)))
+        for k, (C, F) in enumerate(zip(self.first, self.visits, strict=True)):
+            own = F[list(taken)].reshape(-1, F.shape[2])
+            seen = self.shown[list(taken)].reshape(-1, len(self.odds))
+            P = C.T @ C + own.T @ own + self._prior[k]
+            inverse = np.linalg.inv(P)
+            theta = inverse @ (C.T @ predicted + own.T @ seen)
+            r = self.shown[among] - F[among] @ theta
+            S = np.eye(F.shape[1]) + F[among] @ inverse @ F[among].transpose(0, 2, 1)
+            out[:, k] = (r * np.linalg.solve(S, r)).sum(axis=1)
+        return out
+
+    def choose(self, count: int, again: Indices, tell: Progress) -> tuple[int, ...]:
+        """The visits, greedily, the last of them from those of the first day, and each once more against all."""
+        taken, total = list[int](), np.zeros((len(self.odds), len(self.odds)))
+        every = np.arange(len(self.shown))
+        twice = _AGAIN if count > 2 * _AGAIN and len(again) else 0
+        for step in range(count):
+            tell("visits", step, count)
+            among = np.setdiff1d(again if step >= count - twice else every, taken)
+            gains = self._gains(taken, among)
+            best = int(np.argmin(self._bound(total + gains)))
+            taken.append(int(among[best]))
+            total = total + gains[best]
+            if step == 0:  # visits that show little at first hardly show more later
+                worth = among[np.argsort(self._bound(gains))[: max(len(among) // 3, 4 * count)]]
+                every = np.union1d(worth, again)
+        return tuple(taken)
+
+    def _bound(self, squares: Array) -> Array:
+        """J (n,) of delta^2 (n, H, H)."""
+        return np.asarray((self._weights.T * np.exp(-squares / 8.0)).sum(axis=(1, 2)))
+
+    def squares(self, taken: Sequence[int]) -> Array:
+        """delta^2 [k, h] of visits together."""
+        out = np.zeros((len(self.odds), len(self.odds)))
+        for i in range(len(taken)):
+            out += self._gains(taken[:i], np.array([taken[i]]))[0]
+        return out
+
+    def chances(self, taken: Sequence[int], seed: int) -> tuple[float, float]:
+        """That the answer with the largest share has the right place, and the right place and variable."""
+        rng, square = np.random.default_rng(seed), self.squares(taken)
+        both = self.place * (int(self.kind.max(initial=0)) + 1) + self.kind
+        right = np.zeros(2)
+        for h in range(len(self.odds)):
+            d = square[:, h]
+            against = np.log(self.odds / self.odds[h]) - 0.5 * d + np.sqrt(d) * rng.standard_normal((_DRAWS, len(d)))
+            against[:, h] = 0.0
+            for n, label in enumerate((self.place, both)):
+                shares = np.stack([np.exp(against) @ (label == g) for g in np.unique(label)], axis=1)
+                won = np.unique(label)[np.argmax(shares, axis=1)] == label[h]
+                right[n] += self.odds[h] * float(won.mean())
+        return float(right[0]), float(right[1])
 
 
-def _side(
-    diagnosis: Diagnosis,
-    pair: tuple[NamedCause, Cause, Cause],
-    fitted: Sequence[str],
-    poses: Poses,
-    first_day: Readings,
-    seed: int,
-) -> _Side:
-    finding, cause, rival = pair
-    named = {f.name for f in diagnosis.findings} - {cause.name, rival.name}
-    others = [c for c in diagnosis.case.causes if c.name in named]
-    deviation = {v.name: v.value - v.initial for v in finding.values}
-    values = np.array([deviation[n] for n in cause.names])
-    x = {n: v for n, v in diagnosis.values().items() if n in fitted}
-    question = ask(diagnosis.experiment, cause, rival, diagnosis.rms.noise, values=values, others=others, x=x)
-    rows = question.rows(poses)
-    rows = rows.reshape(len(rows), -1, rows.shape[-1])
-    limit = limit_angle(rows, question.width, seed)
-    return _Side(cause.name, rival.name, question.width, rows, question.taken([first_day]), limit)
+def _game(diagnosis: Diagnosis, experiment: Experiment, suspects: Sequence[Suspect], plan: Plan) -> _Game:
+    """The columns of all explanations at the first day and at each pose of a plan."""
+    fit = diagnosis.baseline
+    old = replace(
+        diagnosis.readings.of_rows(diagnosis.kept),
+        sigma=diagnosis.readings.sigma[diagnosis.kept] * diagnosis.audit.unit,
+        minus_sigma=diagnosis.readings.minus_sigma[diagnosis.kept] * diagnosis.audit.unit,
+    )
+    new = planned_readings(experiment, plan)
+    rows = make_rows(joined([old, new])).sharing(diagnosis.audit.shared)
+    known = dict(zip([f.series for f in fit.frames], fit.frames, strict=True))
+    names = [rows.readings.frames[f] for f in rows.estimated]
+    frames = [known.get(name) or station_frame(experiment, name) for name in names]
+    causes = [s.law for s in suspects if isinstance(s.law, Cause)]
+    residuals = np.zeros((len(rows.keep), 3))
+    residuals[: len(diagnosis.kept)] = fit.residuals
+    case = make_case(experiment, rows, fit.names, causes, fit.by_name(), residuals, frames)
+    model = experiment.model()
+    x = model.nominal
+    x[model.index(list(fit.names))] = [fit.value(n) for n in fit.names]
+    moved = motions(model, rows, x, frames)
+    by, places = {v.name: v for v in variables(moved)}, {(*p.law.where, p.law.part): p for p in places_of(moved)}
+    columns: list[Array] = []
+    for s in suspects:
+        if isinstance(s.law, Cause):
+            columns.append(case.B[[c.name for c in causes].index(s.law.name)])
+            continue
+        law = s.law.law
+        place = places[(*law.where, law.part)]
+        own = [by[f] for f in by if f in law.by or not f]
+        Z = dict(law_columns(place, s.law.at, moved, own))[law.by] * s.law.sd
+        columns.append(case.noise.whiten(Z.reshape(-1, Z.shape[2])))
+    return _Game(
+        *_split(case.A, columns, case.residuals, rows.plus, len(diagnosis.kept)), *_labels(suspects), case.A.shape[1]
+    )
 
 
-def _kept(diagnosis: Diagnosis) -> np.ndarray:
-    use = np.zeros(len(diagnosis.readings.use), dtype=bool)
-    use[diagnosis.kept] = True
-    return use
+def _split(
+    A: Array, columns: Sequence[Array], y: Array, plus: Indices, first: int
+) -> tuple[tuple[Array, ...], tuple[Array, ...], Array]:
+    """Columns at the first day's rows, and at those of each later visit (N, w, p), padded with zeros."""
+    visit = np.unique(plus[first:], return_inverse=True)[1]
+    width = int(np.bincount(visit).max())
+    order = np.argsort(visit, kind="stable")
+    start = np.cumsum(np.bincount(visit)) - np.bincount(visit)
+    place = np.arange(len(order)) - start[visit[order]]
+    day_one: list[Array] = []
+    later: list[Array] = []
+    for Z in columns:
+        both = np.concatenate([A, Z], axis=1)
+        day_one.append(both[: 3 * first])
+        rows = both[3 * first :].reshape(len(visit), 3, -1)
+        out = np.zeros((int(visit.max()) + 1, width, 3, both.shape[1]))
+        out[visit[order], place] = rows[order]
+        later.append(out.reshape(len(out), 3 * width, -1))
+    return tuple(day_one), tuple(later), y[: 3 * first]
 
 
-def _pairs(diagnosis: Diagnosis) -> tuple[list[tuple[NamedCause, Cause, Cause]], list[Crowded], list[Waiting]]:
-    """Each named cause with its likeliest rivals and, to confirm the name, the cause nearest to it besides them."""
-    causes = {c.name: c for c in diagnosis.case.causes}
-    subspaces = diagnosis.case.subspaces()
-    position = {c.name: i for i, c in enumerate(diagnosis.case.causes)}
-    pairs: list[tuple[NamedCause, Cause, Cause]] = []
-    crowded: list[Crowded] = []
-    waiting: list[Waiting] = []
-    for finding in (f for f in diagnosis.findings if f.name in causes):
-        cause = causes[finding.name]
-        names = [r.name for r in finding.rivals[:_MOST_RIVALS] if r.name in causes]
-        if len(finding.rivals) > len(names):
-            crowded.append(Crowded(finding.name, len(finding.rivals), len(names)))
-        angles = smallest_angles(subspaces, position[finding.name])
-        known = {*names, *(f.name for f in diagnosis.findings)}
-        order = (int(i) for i in np.argsort(angles))
-        far = [i for i in order if angles[i] > ALIKE and _apart(diagnosis.case.causes[i], cause, known)]
-        names += [diagnosis.case.causes[i].name for i in far[:1]]
-        for rival in (causes[n] for n in names):
-            needs = sorted({*cause.needs, *rival.needs})
-            if needs:
-                waiting.append(Waiting(cause.name, rival.name, tuple(needs)))
-            else:
-                pairs.append((finding, cause, rival))
-    return pairs, crowded, waiting
+def _labels(suspects: Sequence[Suspect]) -> tuple[Array, Indices, Indices]:
+    laws = [s.law.name if isinstance(s.law, Cause) else "*".join(s.law.law.by) for s in suspects]
+    kinds = {name: i for i, name in enumerate(dict.fromkeys(laws))}
+    return (
+        np.array([s.share for s in suspects]),
+        np.array([s.place for s in suspects]),
+        np.array([kinds[name] for name in laws]),
+    )
 
 
-def _apart(other: Cause, cause: Cause, known: set[str]) -> bool:
-    """Whether another cause is neither known already nor the same place with other axes."""
-    return other.name not in known and not other.group and not other.shares(cause)
+def _plan_of(experiment: Experiment, pool: Plan, chosen: Sequence[int], seed: int) -> Plan:
+    """The visits as a plan; those that repeat the first day come last."""
+    at = np.array(sorted(chosen))
+    names = [f"f{i + 1:02d}" for i in range(len(at))]
+    load, units = [pool.load[int(i)] for i in at], experiment.robot.controller.units
+    return make_plan(pool.poses.take(at), load, None, "follow-up", None, seed, names, units)
+
+
+_OUT = 0.9
+"""m: how far a reflector on the base stands out, on a bar."""
+_REFLECTED = 3
+"""Links, counted from the base, that a reflector may be mounted on."""
+
+
+def _reflectors(
+    diagnosis: Diagnosis, experiment: Experiment, suspects: Sequence[Suspect], plan: Plan, seed: int
+) -> tuple[Reflector, ...]:
+    """What one reflector more, at the same visits, would be worth, the best first."""
+    out: list[Reflector] = []
+    for marker in _mounts(experiment):
+        wider = experiment.with_(markers=(*experiment.markers, marker))
+        game = _game(diagnosis, wider, suspects, plan)
+        out.append(Reflector(marker, game.chances(range(len(plan.pose)), seed)[0]))
+    return tuple(sorted(out, key=lambda r: -r.chance))
+
+
+def _mounts(experiment: Experiment) -> list[Marker]:
+    """Reflectors on a bar of the base and at the far ends of the first links, where none is yet."""
+    robot, out = experiment.robot, list[Marker]()
+    taken = {m.link for m in experiment.markers}
+    for k, own in enumerate(robot.facts.links[: 1 + _REFLECTED]):
+        link = own if own in robot.frames else next((n for n, f in robot.frames.items() if f.link == k), None)
+        if link is None or link in taken:
+            continue
+        far = np.array([_OUT, 0.0, 0.0]) if k == 0 else robot.facts.placements[k][:3, 3]
+        out.append(Marker(f"reflector_{link}", link, frozen(far)))
+    return out

@@ -159,8 +159,8 @@ def noise_of(experiment: Experiment, sigma: float | None) -> float:
     return noise
 
 
-def with_loads(experiment: Experiment, taken: Sequence[Taken]) -> Experiment:
-    """The experiment, with the loads used so far where it lists none: all if they are few, else the largest."""
+def with_loads(experiment: Experiment, taken: Sequence[Taken], few: int = _FEW_LOADS) -> Experiment:
+    """The experiment, with the loads used so far where it lists none: all up to `few`, else the largest."""
     if experiment.loads:
         return experiment
     wrenches = [one.wrench if isinstance(one, Plan | Poses) else one.poses.wrench for one in taken]
@@ -169,7 +169,7 @@ def with_loads(experiment: Experiment, taken: Sequence[Taken]) -> Experiment:
     if not len(used):
         raise InputError(f"{experiment.path}: a design needs `loads`, for example - {{name: weight, fz_N: -4000}}")
     order = np.argsort(-np.linalg.norm(used[:, :3], axis=1), kind="stable")
-    kept = used[order[: 1 if len(used) > _FEW_LOADS else len(used)]]
+    kept = used[order[: 1 if len(used) > few else len(used)]]
     return experiment.with_(loads=tuple(LoadCase(f"load_{i + 1}", frozen(w), None) for i, w in enumerate(kept)))
 
 

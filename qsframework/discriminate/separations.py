@@ -18,8 +18,8 @@ COUNT = 12
 MOST = 3
 """Pairs looked at: each named cause with the rival nearest to it, the plainest first."""
 STATES = 480
-"""Loaded poses that are judged at most for all pairs together, if no more than COUNT are asked for. `discriminate` and
-`second_day` look at more."""
+"""Loaded poses that are judged at most for all pairs together, if no more than COUNT are asked for; `discriminate`
+looks at more."""
 _KINDS, _BESIDE = 3, 4
 """With the other kinds of readings so many times the states are judged, in so many columns beside the fitted ones."""
 _OFFERED = 0.25

@@ -6,14 +6,14 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from qsframework.diagnose.result import Diagnosis
-from qsframework.discriminate.follow_up import SecondDay
+from qsframework.discriminate.follow_up import FollowUp
 from qsframework.discriminate.pair import Discrimination
 from qsframework.report import diagnosis_plots as plots, diagnosis_tables as tables
 from qsframework.report.blocks import Block, Section, Text
 from qsframework.report.provenance import EQUILIBRIUM, LEAST_SQUARES, LINEAR, provenance_section
 from qsframework.report.residual_view import residual_view
 from qsframework.report.words.diagnosis import method_words
-from qsframework.report.words.discrimination import discrimination_words, left_open_words
+from qsframework.report.words.discrimination import discrimination_words, follow_up_words
 from qsframework.report.words.noise import audit_words, misfit_words
 
 _HOW = (
@@ -34,7 +34,7 @@ _LAWS = (
 
 
 def diagnosis_sections(
-    diagnosis: Diagnosis, files: Sequence[Path], pairs: Sequence[Discrimination] = (), day: SecondDay | None = None
+    diagnosis: Diagnosis, files: Sequence[Path], pairs: Sequence[Discrimination] = (), day: FollowUp | None = None
 ) -> tuple[Section, ...]:
     """All sections of the report; files: what the diagnosis read, for their hashes; pairs: what separates rivals; day:
     the poses of a second day."""
@@ -101,10 +101,9 @@ def _causes(diagnosis: Diagnosis, pairs: Sequence[Discrimination]) -> Iterator[B
             yield table
 
 
-def _day(day: SecondDay) -> Iterator[Block]:
-    yield tables.contest_table(day)
-    for said in left_open_words(day):  # the table holds the others
-        yield Text(said)
+def _day(day: FollowUp) -> Iterator[Block]:
+    yield from (Text(said) for said in follow_up_words(day))
+    yield tables.suspect_table(day)
 
 
 def _residuals(diagnosis: Diagnosis) -> Iterator[Block]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from qsframework.diagnose.result import Diagnosis, Line, NamedCause, Status, Value
-from qsframework.discriminate.follow_up import SecondDay
+from qsframework.discriminate.follow_up import FollowUp
 from qsframework.discriminate.pair import Discrimination
 from qsframework.plugin import Parameter
 from qsframework.report.blocks import Lines, ReportTable
@@ -19,6 +19,7 @@ from qsframework.report.words.diagnosis import (
     statements,
     status_words,
 )
+from qsframework.report.words.discrimination import suspect_words
 from qsframework.report.words.headline import check_words
 from qsframework.report.words.law import place_words, variable_words
 from qsframework.report.words.next_steps import next_steps
@@ -280,18 +281,13 @@ def outlier_table(diagnosis: Diagnosis) -> ReportTable:
     )
 
 
-def contest_table(day: SecondDay) -> ReportTable:
-    """What the poses of a second day would tell of each pair."""
-    rows = tuple(
-        (c.first, c.second, _size(c.s_before), _size(c.s_after), degrees(c.angle_before), degrees(c.angle_after))
-        for c in day.contests
-    )
+def suspect_table(found: FollowUp) -> ReportTable:
+    """What the first day leaves open, and a second one is to settle."""
+    rows = tuple((suspect_words(s), f"{100 * s.share:.0f} %") for s in found.suspects[:_STRONGEST])
     return ReportTable(
-        ("named cause", "against", "s now", "s then", "angle now", "angle then"),
+        ("explanation that is open", "share of the evidence"),
         rows,
-        f"{len(day.plan.pose)} more poses, chosen so that the smallest s of all pairs is as large as it can be: at "
-        f"most {day.bound:.1f} by any choice. s: of the named cause at its estimate, beside what the other one can do; "
-        "above 4 the wrong one fits better in less than 2 % of measurements.",
+        "The visits are chosen so that these explanations foretell readings as different as they can be.",
     )
 
 
@@ -309,9 +305,12 @@ def leftover_table(diagnosis: Diagnosis) -> ReportTable:
 
 def place_table(diagnosis: Diagnosis) -> ReportTable:
     """Where what is left may be."""
-    rows = ((place_words(x.law), f"{100 * x.share:.0f} %", variable_words(x.law)) for x in diagnosis.places)
+    rows = (
+        (place_words(x.law), f"{100 * x.share:.0f} %", variable_words(x.law), ", ".join(map(place_words, x.equivalent)))
+        for x in diagnosis.places
+    )
     return ReportTable(
-        ("it may be", "share of the evidence", "where it depends most likely on"),
+        ("it may be", "share of the evidence", "where it depends most likely on", "the same motion"),
         tuple(rows),
         "The places that hold 95 % of the evidence together, a smooth law of one variable or two at each. Where "
         "several stand here, these readings do not tell which it is.",

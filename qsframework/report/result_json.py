@@ -10,12 +10,12 @@ import numpy as np
 from qsframework.diagnose.error_budget import error_budget
 from qsframework.diagnose.residuals.lack_of_fit import LackOfFit
 from qsframework.diagnose.result import Diagnosis, Leftover, Line, NamedCause, Taught
-from qsframework.discriminate.follow_up import SecondDay
+from qsframework.discriminate.follow_up import FollowUp
 from qsframework.discriminate.pair import Discrimination
 from qsframework.files import as_file
 from qsframework.forecast.forecast import Foresight, Prospect
 from qsframework.report.words.diagnosis import diagnosis_words, limit_words, method_words
-from qsframework.report.words.discrimination import discrimination_words, note_words, offer_words
+from qsframework.report.words.discrimination import discrimination_words, offer_words, suspect_words
 from qsframework.report.words.forecast import foresight_words, size_words, why_words
 from qsframework.report.words.headline import headline
 from qsframework.report.words.law import place_words, variable_words
@@ -39,10 +39,15 @@ def diagnosis_json(found: Diagnosis, pairs: Sequence[Discrimination] = ()) -> di
         "data_problems": _problems(found),
         "leftovers": [_law_json(x) for x in found.leftovers],
         "places": [
-            {"place": place_words(x.law), "variable": variable_words(x.law), "share": _number(x.share)}
+            {
+                "place": place_words(x.law),
+                "variable": variable_words(x.law),
+                "share": _number(x.share),
+                "sd": _number(x.sd),
+                "equivalent": [place_words(law) for law in x.equivalent],
+            }
             for x in found.places
         ],
-        "same_motion": [place_words(law) for law in found.same_motion],
         "learned": None if found.taught is None else _learned(found.taught),
         "rms_mm": {name: _number(1e3 * getattr(found.rms, name)) for name in _RMS},
         "budget": [
@@ -178,24 +183,19 @@ def discrimination_json(pair: Discrimination) -> dict[str, Any]:
     }
 
 
-def second_day_json(day: SecondDay) -> dict[str, Any]:
-    """Angles in deg."""
+def follow_up_json(found: FollowUp) -> dict[str, Any]:
+    """Chances from 0 to 1; positions in mm."""
     return {
-        "poses": len(day.plan.pose),
-        "s_bound": day.bound,
-        "contests": [
-            {
-                "first": c.first,
-                "second": c.second,
-                "s_before": c.s_before,
-                "s_after": c.s_after,
-                "angle_before_deg": _degrees(c.angle_before),
-                "angle_after_deg": _degrees(c.angle_after),
-            }
-            for c in day.contests
+        "visits": len(found.plan.pose),
+        "place_before": _number(found.before),
+        "place_after": _number(found.after),
+        "variable_before": _number(found.variable_before),
+        "variable_after": _number(found.variable_after),
+        "reflectors": [
+            {"link": r.marker.link, "xyz_mm": [1e3 * float(v) for v in r.marker.xyz], "place_after": _number(r.chance)}
+            for r in found.reflectors
         ],
-        "hopeless": [list(pair) for pair in day.hopeless],
-        "notes": list(note_words(day)),
+        "open": [{"explanation": suspect_words(s), "share": _number(s.share)} for s in found.suspects],
     }
 
 

@@ -22,7 +22,7 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """The folder of all files that a diagnosis writes, and what it prints."""
     to = tmp_path_factory.mktemp("hidden")
     files = ("--json", str(to / "r.json"), "--report", str(to / "r.html"), "--extend", str(to / "out"))
-    return to, run("diagnose", HIDDEN, *files, "--second-day", str(to / "day2.csv"), "--count", "5")
+    return to, run("diagnose", HIDDEN, *files, "--follow-up", "5", "-o", str(to / "day2.csv"))
 
 
 def test_the_hidden_effect_is_named_extended_and_simulated(ran: tuple[Path, str], tmp_path: Path) -> None:
@@ -119,26 +119,25 @@ def test_a_wrong_convention_is_named_and_written_with_the_robot(tmp_path: Path) 
 def test_a_second_day_is_in_json_and_report(ran: tuple[Path, str]) -> None:
     (folder, output) = ran
     result, report = folder / "r.json", folder / "r.html"
-    day = json.loads(result.read_text())["second_day"]
-    assert day["poses"] == 5
-    (contest,) = (c for c in day["contests"] if f"against {c['second']}: s" in output)
-    assert contest["first"] == "joint_hardening[joint_3]"
-    assert contest["s_after"] > contest["s_before"] > 0.0
+    day = json.loads(result.read_text())["follow_up"]
+    assert day["visits"] == 5
+    assert 0.0 < day["place_before"] <= day["place_after"] <= 1.0
+    assert "joint_hardening[joint_3]" in [x["explanation"] for x in day["open"]]
+    assert "5 visits bring the chance of naming the right place" in " ".join(output.split())
     text = report.read_text()
     assert "A second day" in text
-    assert f"<td>{contest['second']}</td>" in text
-    assert f"{contest['s_before']:.1f}" in text
+    assert "explanation that is open" in text
     assert output.index("plan: ") < output.index("diagnosis: ")
 
 
-def test_the_other_files_are_written_where_nothing_is_left_to_separate(tmp_path: Path) -> None:
+def test_the_other_files_are_written_where_nothing_is_open(tmp_path: Path) -> None:
     """Readings of the model itself without any cause: no name, so no second day."""
     plan, readings, result = tmp_path / "plan.csv", tmp_path / "null.csv", tmp_path / "r.json"
     write_plan(plan, make_plan(poses(1, 20), ["weight"] * 20), load_experiment(M900IB))
     run("simulate", M900IB, str(plan), "-o", str(readings), "--seed", "2")
-    with pytest.raises(InputError, match="nothing is left to separate"):
-        run("diagnose", M900IB, str(readings), "--json", str(result), "--second-day", str(tmp_path / "d.csv"))
+    with pytest.raises(InputError, match="nothing is open"):
+        run("diagnose", M900IB, str(readings), "--json", str(result), "--follow-up", "4", "-o", str(tmp_path / "d.csv"))
     told = json.loads(result.read_text())
     assert told["verdict"] == "none"
-    assert told["second_day"] is None
+    assert told["follow_up"] is None
     assert not (tmp_path / "d.csv").exists()

@@ -13,17 +13,15 @@ import pytest
 
 from qsframework.diagnose import Diagnosis, diagnose
 from qsframework.diagnose.linearization import candidates
-from qsframework.diagnose.linearization.candidates import Cause, find_causes
+from qsframework.diagnose.linearization.candidates import find_causes
 from qsframework.diagnose.result import NamedCause, Rival, Status
 from qsframework.diagnose.selection import model_selection
 from qsframework.diagnose.verdict import ambiguous
-from qsframework.discriminate.follow_up import Crowded, Waiting, _pairs, second_day  # pyright: ignore[reportPrivateUsage]
 from qsframework.errors import InputError, NotConverged
 from qsframework.experiment import Readings, make_rows
-from qsframework.plugin import Array, At, Conditions, Context, LawTerm, Parameter, RobotFacts, SpringLaw, find, place
+from qsframework.plugin import Array, At, Conditions, Context, LawTerm, Parameter, RobotFacts, SpringLaw, place
 from qsframework.report.result_json import diagnosis_json
 from qsframework.report.words.diagnosis import diagnosis_words, limit_words
-from qsframework.report.words.discrimination import second_day_words
 from tests.diagnose import cases
 from tests.diagnose.cases import campaign, measured, quiet, unstable
 
@@ -167,46 +165,6 @@ def only(found: Diagnosis, names: Sequence[str]) -> Diagnosis:
     kept = [i for i, c in enumerate(case.causes) if c.name in names]
     few = replace(case, causes=tuple(case.causes[i] for i in kept), B=tuple(case.B[i] for i in kept))
     return replace(found, case=few)
-
-
-def test_a_pair_that_no_pose_separates_needs_something_different(tied: Diagnosis) -> None:
-    (f,) = tied.findings
-    (rival,) = f.rivals
-    alone = only(tied, (f.name, rival.name))
-    with pytest.raises(InputError, match="no pose under these loads separates") as error:
-        second_day(alone, 4, candidates=40)
-    for word in (f.name, rival.name, "measure something different"):
-        assert word in str(error.value)
-    assert error.value.problems[0].argument == ("separate", f"{f.name} {rival.name}")
-    day = second_day(tied, 4, candidates=40)  # beside its nearest other cause the name can be confirmed
-    assert day.hopeless == ((f.name, rival.name),)
-    assert [c.first for c in day.contests] == [f.name]
-    said = f"- {f.name} against {rival.name}: no pose under these loads separates them"
-    assert said in second_day_words(day)
-
-
-def test_of_many_rivals_the_likeliest_are_looked_at_and_it_is_said(tied: Diagnosis) -> None:
-    (f,) = tied.findings
-    others = [c.name for c in tied.case.causes if c.name != f.name][:11]
-    many = replace(tied, findings=(replace(f, rivals=tuple(Rival(n, 0.1) for n in others)),))
-    pairs, crowded, _ = _pairs(many)
-    assert crowded == [Crowded(f.name, 11, 8)]
-    day = replace(second_day(tied, 4, candidates=40), crowded=tuple(crowded))
-    assert f"{f.name} has 11 rivals; the likeliest 8 were looked at." in second_day_words(day)
-    assert [rival.name for _, _, rival in pairs][:8] == others[:8]
-
-
-def test_what_needs_another_column_is_not_a_matter_of_poses(tied: Diagnosis) -> None:
-    (f,) = tied.findings
-    drift = find("tracker_drift")()
-    cause = Cause(drift.name, (drift,), drift.parameters(campaign().robot.facts), False)
-    (own,) = (i for i, c in enumerate(tied.case.causes) if c.name == f.name)
-    columns = np.random.default_rng(0).standard_normal((len(tied.case.A), len(cause.names)))
-    case = replace(tied.case, causes=(tied.case.causes[own], cause), B=(tied.case.B[own], columns))
-    found = replace(tied, case=case, findings=(replace(f, rivals=(Rival(cause.name, 0.1),)),))
-    assert _pairs(found) == ([], [], [Waiting(f.name, cause.name, ("time",))])
-    with pytest.raises(InputError, match=r"nothing is left to separate.*vary time, not the poses"):
-        second_day(found, 4, candidates=40)
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from qsframework.diagnose.selection.family_test import FamilyBlock, family_test
 from qsframework.diagnose.selection.rivals import falls_of
 from qsframework.diagnose.verdict import misfits, verdict_of
 from qsframework.discriminate.alternatives import _directions, _marker  # pyright: ignore[reportPrivateUsage]
-from qsframework.discriminate.follow_up import _pairs, second_day  # pyright: ignore[reportPrivateUsage]
+from qsframework.discriminate.follow_up import follow_up
 from qsframework.discriminate.pair import noise_of, with_loads
 from qsframework.discriminate.t_optimal import _left, told  # pyright: ignore[reportPrivateUsage]
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
@@ -218,15 +218,14 @@ def test_a_prospect_without_sizes_says_a_dash() -> None:
     assert smallest_words(none, named=True) == "-"
 
 
-def test_a_second_day_needs_something_to_separate() -> None:
-    """A diagnosis that names nothing has no rivals; progress of every step is told on the way."""
+def test_a_second_day_needs_something_that_is_open() -> None:
+    """A diagnosis that names nothing leaves nothing open; progress of every step is told on the way."""
     found, steps = still()
     assert found.verdict == "none"
     assert steps[0].startswith("conventions 0/")
     assert len(steps) >= 6
-    assert _pairs(found) == ([], [], [])
-    with pytest.raises(InputError, match="nothing is left to separate: the diagnosis names no cause"):
-        second_day(found, 4)
+    with pytest.raises(InputError, match="nothing is open: the diagnosis names no cause and no place"):
+        follow_up(found, 4)
 
 
 def test_poses_are_a_batch_that_can_be_taken_apart() -> None:

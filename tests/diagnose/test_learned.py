@@ -15,6 +15,7 @@ from qsframework.cli.main import app
 from qsframework.diagnose import Diagnosis, diagnose
 from qsframework.diagnose.law import Law
 from qsframework.diagnose.learn import curve, dots
+from qsframework.discriminate import follow_up
 from qsframework.elastostatics import beyond, range_notes
 from qsframework.errors import InputError
 from qsframework.estimation import FitOptions
@@ -170,6 +171,24 @@ def test_the_curve_of_the_example_is_what_was_hidden() -> None:
     assert told.mean() > 0.5
     assert np.nanmedian(np.abs(said - truth)) < 0.3 * np.nanstd(truth[told])
     assert np.corrcoef(said[told], truth[told])[0, 1] > 0.9
+
+
+def test_the_shipped_second_day_settles_place_and_variable() -> None:
+    """Eight poses leave open what the fifth drive follows; the visits that were asked for tell it."""
+    folder = example("unknown_effect")
+    experiment = load_experiment(folder / "experiment.yaml")
+    first = diagnose(experiment, read_readings([folder / "first_day.csv"], experiment))
+    asked = follow_up(first, 8)
+    assert asked.variable_before < 0.5 < 0.9 < asked.variable_after
+    second = read_readings([folder / "second_day.csv"], experiment)
+    wanted = np.round(np.rad2deg(np.unique(asked.plan.poses.pendant, axis=0)), 3)
+    measured = np.round(np.rad2deg(np.unique(second.poses.pendant, axis=0)), 3)
+    assert wanted == pytest.approx(measured, abs=2e-3), "these visits were measured"
+    both = diagnose(experiment, read_readings([folder / "first_day.csv", folder / "second_day.csv"], experiment))
+    assert (both.places[0].law.part, both.places[0].law.place, both.places[0].law.by) == ("drive", "j5", ("j4",))
+    assert both.places[0].share > 0.9
+    assert both.taught is not None
+    assert (both.taught.name, both.taught.holds) == ("learned[j5/j4]", True)
 
 
 @pytest.mark.parametrize(

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 
 from qsframework.design import check_poses, generate_candidates
-from qsframework.diagnose.linearization.candidates import find_causes, widened
+from qsframework.diagnose.linearization.candidates import Cause, find_causes, widened
 from qsframework.discriminate import alternatives, t_optimal
 from qsframework.discriminate.alternatives import Offer, _frame, batch, kinds
-from qsframework.discriminate.follow_up import second_day
+from qsframework.discriminate.follow_up import follow_up
 from qsframework.discriminate.pair import discriminate, mistaken
 from qsframework.discriminate.t_optimal import ask, choose, limit_angle, told
 from qsframework.errors import InputError, NotCertified, NotIdentifiable
 from qsframework.experiment import LoadCase, example, load_experiment, read_plan, write_plan
 from qsframework.plugin import Poses
-from qsframework.report.result_json import discrimination_json, second_day_json
-from qsframework.report.words.discrimination import discrimination_words, second_day_words, size_words
+from qsframework.report.result_json import discrimination_json, follow_up_json
+from qsframework.report.words.discrimination import discrimination_words, follow_up_words, size_words
 from tests.diagnose.cases import hardened
 
 SIGMA = 3e-5
@@ -229,15 +229,14 @@ def test_bad_questions_are_refused(experiment, first_day):
 def test_a_second_day_confirms_what_the_first_one_named(tmp_path):
     diagnosis = hardened()
     experiment = diagnosis.experiment
-    found = second_day(diagnosis, 6, candidates=100)
-    assert {c.first for c in found.contests} == {f.name for f in diagnosis.findings}
-    for contest in found.contests:
-        assert contest.s_after > contest.s_before
-    assert min(c.s_after for c in found.contests) <= found.bound * (1.0 + 1e-6)
+    found = follow_up(diagnosis, 6, candidates=100)
+    assert found.before <= found.after <= 1.0
+    assert found.variable_before <= found.variable_after
+    assert {f.name for f in diagnosis.findings} <= {s.law.name for s in found.suspects if isinstance(s.law, Cause)}
     write_plan(tmp_path / "day2.csv", found.plan, experiment)
     assert len(read_plan(tmp_path / "day2.csv", experiment).pose) == 6
-    json.dumps(second_day_json(found), allow_nan=False)
-    assert "named correctly in" in " ".join(second_day_words(found))
+    json.dumps(follow_up_json(found), allow_nan=False)
+    assert "6 visits bring the chance of naming the right place from" in " ".join(follow_up_words(found))
 
 
 def test_a_trace_that_nothing_else_touches_wants_the_poses_that_show_it_most(experiment, pendant):

@@ -42,4 +42,4 @@ def test_diagnosis_json_holds_these_keys() -> None:
     import re
 
     written = re.findall(r'^        "(\w+)":', inspect.getsource(diagnosis_json), re.M)
-    assert set(formats.keys_of("diagnosis.json")) == {*written, "separations", "second_day", "format"}
+    assert set(formats.keys_of("diagnosis.json")) == {*written, "separations", "follow_up", "format"}

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from qsframework.cli.diagnose_plan import run_foresight, run_second_day, run_separate
+from qsframework.cli.diagnose_plan import run_follow_up, run_foresight, run_separate
 from qsframework.design import design
 from qsframework.errors import InputError
 from qsframework.experiment import example, load_experiment, read_plan, write_plan
@@ -98,8 +98,8 @@ def test_separating_poses_are_a_plan(experiment, plan_file, tmp_path, capsys):
 
 def test_a_second_day_is_a_plan(tmp_path, capsys):
     found = hardened()
-    run_second_day(found, 5, tmp_path / "day2.csv")
-    assert "named correctly in" in capsys.readouterr().out
+    run_follow_up(found, 5, tmp_path / "day2.csv")
+    assert "5 visits bring the chance" in capsys.readouterr().out
     assert len(read_plan(tmp_path / "day2.csv", found.experiment).pose) == 5
 
 

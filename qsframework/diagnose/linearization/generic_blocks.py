@@ -55,7 +55,7 @@ class Probe(Spring):
         turns = [VirtualJoint(link, axis, "rotation") for link in _links(robot) for axis in _AXES]
         shifts = [VirtualJoint(link, axis, "translation") for link in _links(robot) for axis in _AXES]
         tilts = [
-            VirtualJoint(robot.link_of(j), a, "rotation", "before") for j in robot.joints for a in _tilts(robot, j)
+            VirtualJoint(robot.link_of(j), a, "rotation", "before") for j in robot.joints for a in across(robot, j)
         ]
         return (*(Actuator(joint) for joint in robot.joints), *turns, *shifts, *tilts)
 
@@ -65,7 +65,7 @@ def _links(robot: RobotFacts) -> tuple[str, ...]:
     return (*robot.links[:-1], robot.flange)
 
 
-def _tilts(robot: RobotFacts, joint: str) -> list[Any]:
+def across(robot: RobotFacts, joint: str) -> list[Any]:
     """The axes about which a bearing tilts; none of a joint that slides."""
     if robot.slides(joint):
         return []
@@ -317,7 +317,7 @@ def _places(facts: RobotFacts) -> tuple[BlockPlace, ...]:
         out.append(BlockPlace("shift", link, at, o, moments))
     first = 7 * n + 6
     for joint in facts.joints:
-        count = len(_tilts(facts, joint))
+        count = len(across(facts, joint))
         if count:
             out.append(BlockPlace("bearing", joint, tuple(range(first, first + count)), joint))
         first += count

@@ -14,7 +14,7 @@ import numpy as np
 
 from qsframework.diagnose.law import Law
 from qsframework.diagnose.linearization.generic_blocks import Block, single_axes
-from qsframework.diagnose.result import Leftover, LikelyPlace
+from qsframework.diagnose.result import Leftover
 from qsframework.diagnose.selection.evidence import DRAWS, evidence
 from qsframework.diagnose.selection.exact_refit import SettledFit
 from qsframework.estimation.projection import Flags
@@ -31,8 +31,6 @@ _BEATS = 3.0
 """Nats by which a block that holds a name may be better; beyond them any block may stand in its place."""
 _NEAR = 6.0
 """Nats below the likeliest law within which one axis of a place may be likelier still."""
-_TOGETHER = 0.95
-"""Of the evidence for a law, which the places that are told hold together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,21 +106,6 @@ def finest(left: Sequence[Leftover], likely: Sequence[Likely]) -> tuple[Leftover
     finer = {x.whole: x for x in likely}
     found = [Leftover(finer[x.law].block.law, x.p_value, finer[x.law].evidence) if x.law in finer else x for x in left]
     return tuple(sorted(found, key=lambda x: -x.evidence))
-
-
-def likely_places(likely: Sequence[Likely]) -> tuple[LikelyPlace, ...]:
-    """The places that hold 95 % of the evidence for what is left, the likeliest first, each with its likeliest law."""
-    top = max((x.evidence for x in likely), default=0.0)
-    odds: dict[tuple[str, str], float] = {}
-    best: dict[tuple[str, str], Law] = {}
-    for x in sorted(likely, key=lambda x: -x.evidence):
-        odds[x.whole.where] = odds.get(x.whole.where, 0.0) + float(np.exp(x.evidence - top))
-        best.setdefault(x.whole.where, x.block.law)
-    whole, told = sum(odds.values()), list[LikelyPlace]()
-    for place in sorted(odds, key=lambda p: -odds[p]):
-        if sum(x.share for x in told) < _TOGETHER:
-            told.append(LikelyPlace(best[place], odds[place] / whole))
-    return tuple(told)
 
 
 def contested(blocks: Sequence[Block], fits: Reml, values: Array, name: NamedEffect) -> tuple[Leftover, bool] | None:

@@ -69,8 +69,18 @@ def folds(pose: Indices, seed: int, repeats: int = REPEATS) -> Iterator[Indices]
         return
     rng = np.random.default_rng(seed)
     for _ in range(repeats):
-        for part in np.array_split(rng.permutation(poses), FOLDS):
-            yield np.flatnonzero(np.isin(pose, part))
+        yield from _parts(pose, rng.permutation(poses), FOLDS)
+
+
+def parts_of_poses(pose: Indices, parts: int, seed: int = 0) -> Iterator[Indices]:
+    """Scalars (k,) of whole poses, in at most so many parts."""
+    poses = np.unique(pose)
+    yield from _parts(pose, np.random.default_rng(seed).permutation(poses), min(parts, len(poses)))
+
+
+def _parts(pose: Indices, poses: Indices, count: int) -> Iterator[Indices]:
+    for part in np.array_split(poses, count):
+        yield np.flatnonzero(np.isin(pose, part))
 
 
 def held_out(

@@ -16,7 +16,7 @@ from qsframework.plugin import Parameter
 from qsframework.report.words.discrimination import outlook_words
 from qsframework.report.words.fit import alignment_words
 from qsframework.report.words.headline import headline, names_words, poses_words, worst_poses
-from qsframework.report.words.law import place_words, places_words, same_motion_words, variable_words
+from qsframework.report.words.law import place_words, places_words, variable_words
 from qsframework.report.words.next_steps import next_steps, unrepeatable
 from qsframework.report.words.noise import audit_words
 from qsframework.report.words.sizes import mm, people_estimate, people_size
@@ -106,8 +106,7 @@ def _open(found: Diagnosis) -> Iterator[str]:
         left = leftover_words(found.leftovers[0])
         why = "" if found.taught is not None else TOO_WEAK
         first = f"The readings {also}hold something that no effect of the library explains: {left}. Look there first."
-        where = (places_words(found.places), same_motion_words(found.places, found.same_motion))
-        yield " ".join(filter(None, (first, why, *where)))
+        yield " ".join(filter(None, (first, why, *places_words(found.places))))
         if found.taught is not None:
             yield learned_words(found.taught)
             yield alike_words(found.taught)

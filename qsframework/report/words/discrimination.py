@@ -1,4 +1,4 @@
-"""Poses and other readings that tell two causes apart, and a second day of measuring, in words."""
+"""Poses and other readings that tell two causes apart, and the visits of a second day, in words."""
 
 from __future__ import annotations
 
@@ -6,12 +6,18 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from qsframework.diagnose.linearization.candidates import Cause
 from qsframework.discriminate.alternatives import Offer
-from qsframework.discriminate.follow_up import SecondDay
+from qsframework.discriminate.follow_up import FollowUp, Suspect
 from qsframework.discriminate.pair import CLOSE, ENOUGH, SEEN, Discrimination, mistaken
 from qsframework.discriminate.separations import NotSeparated
 from qsframework.experiment import LoadCase, Marker
+from qsframework.report.words.law import place_words, variable_words
 from qsframework.report.words.sizes import people_size
+
+_WORTH = 0.03
+"""By how much a further reflector must raise the chance of the right place to be told."""
+_REFLECTORS = 3
 
 
 def discrimination_words(pair: Discrimination) -> tuple[str, ...]:
@@ -86,31 +92,33 @@ def not_separated_words(missing: Sequence[NotSeparated]) -> tuple[str, ...]:
     return tuple(f"What would separate {x.first} from {x.second} was not computed: {x.error}" for x in missing)
 
 
-def second_day_words(day: SecondDay) -> tuple[str, ...]:
-    """What a second day would tell."""
-    said = [f"{len(day.plan.pose)} more poses would separate what is left, and confirm the names:"]
-    for c in day.contests:
-        sure = 100.0 * (1.0 - mistaken(c.s_after))
-        said.append(
-            f"- {c.first} against {c.second}: s {c.s_before:.1f} -> {c.s_after:.1f}, angle "
-            f"{degrees(c.angle_before)} -> {degrees(c.angle_after)} deg, named correctly in {sure:.3g} %"
-        )
-    return (*said, *left_open_words(day))
-
-
-def left_open_words(day: SecondDay) -> tuple[str, ...]:
-    """What a second day does not tell."""
-    hopeless = [f"- {a} against {b}: no pose under these loads separates them" for a, b in day.hopeless]
-    return (*hopeless, *note_words(day))
-
-
-def note_words(day: SecondDay) -> tuple[str, ...]:
-    """Rivals and pairs that were left out."""
-    more = [f"{x.name} has {x.rivals} rivals; the likeliest {x.looked} were looked at." for x in day.crowded]
-    return (
-        *more,
-        *(f"{x.first} against {x.second}: vary {' and '.join(x.needs)}, not the poses." for x in day.waiting),
+def follow_up_words(found: FollowUp) -> Iterator[str]:
+    """What the visits of a second day would settle, and what would settle more."""
+    count = len(found.plan.pose)
+    yield (
+        f"{count} visits bring the chance of naming the right place from {_percent(found.before)} to "
+        f"{_percent(found.after)}, with its variable from {_percent(found.variable_before)} to "
+        f"{_percent(found.variable_after)}, if one of the explanations that are open is true."
     )
+    better = [r for r in found.reflectors if r.chance > found.after + _WORTH]
+    for r in better[:_REFLECTORS]:
+        yield f"With {mount_words(r.marker)} at these visits: {_percent(r.chance)}."
+    if found.reflectors and not better:
+        yield "No further reflector on the arm would help much."
+
+
+def mount_words(marker: Marker) -> str:
+    """A reflector that is to be mounted."""
+    where = ", ".join(f"{1e3 * v:.0f}" for v in marker.xyz)
+    return f"a reflector on {marker.link} at [{where}] mm"
+
+
+def suspect_words(suspect: Suspect) -> str:
+    """An explanation that is open."""
+    if isinstance(suspect.law, Cause):
+        return suspect.law.name
+    law = suspect.law.law
+    return f"{place_words(law)}, by {variable_words(law)}"
 
 
 def degrees(angle: float) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from qsframework.diagnose.law import Law
@@ -25,6 +25,7 @@ _FACTORS = {
 }
 _STATES = ("loaded", "always")
 _HOW: dict[tuple[str, ...], str] = {
+    (): "differently at each visit",
     ("loaded",): "by a constant amount once a load hangs",
     ("always",): "by a constant amount",
     ("loaded", "came"): "with the way by which the joint came, once a load hangs",
@@ -34,8 +35,6 @@ _HOW: dict[tuple[str, ...], str] = {
 
 _TOLD = 2
 """Other places that are told by name."""
-_ALIKE = 4
-"""Places of the same motion that are told by name."""
 _LOAD = {"load": "the load", "point": "the point where the load acts"}
 
 
@@ -54,13 +53,19 @@ def place_words(law: Law) -> str:
 
 def variable_words(law: Law) -> str:
     """On what it depends."""
-    said = [_angle_words(f) if f in law.angles else _FACTORS[f] for f in law.by if f not in _STATES]
+    if not law.by:
+        return "nothing that was tried: it differs at each visit"
+    said = [_factor_words(f, f in law.angles) for f in law.by if f not in _STATES]
     if not said:
         return "whether a load hangs" if law.by == ("loaded",) else _FACTORS["always"]
     return " and ".join(said) + (" (once a load hangs)" if "loaded" in law.by else "")
 
 
-def _angle_words(factor: str) -> str:
+def _factor_words(factor: str, angle: bool) -> str:
+    what, _, joint = factor.partition(" ")
+    if not angle:
+        other = {"torque": f"the torque at {joint}", "came": f"the way by which {joint} came"}
+        return other[what] if joint else _FACTORS[factor]
     joints = factor.split("+")
     return f"the angle of {' and '.join(joints)}{' together' if joints[1:] else ''}"
 
@@ -80,26 +85,24 @@ def moving_words(law: Law, places: Sequence[LikelyPlace] = ()) -> str:
     return f"{moves} {how} (or {' or '.join(other)})" if other else f"{moves} {how}"
 
 
-def places_words(places: Sequence[LikelyPlace]) -> str:
-    """Where what is left may be, with the share of the evidence of each place."""
-    if len(places) < 2:
-        return ""
+def places_words(places: Sequence[LikelyPlace]) -> Iterator[str]:
+    """Where what is left may be, with the share of the evidence of each place, and how far it moves there."""
+    if not places:
+        return
     first, *other = [f"{place_words(x.law)} ({100 * x.share:.0f} %)" for x in places]
-    return (
-        f"These readings do not tell whether it is {first} or {' or '.join(other)}: in brackets the share of the "
-        "evidence that each place holds."
-    )
+    if other:
+        yield (
+            f"These readings do not tell whether it is {first} or {' or '.join(other)}: in brackets the share of the "
+            "evidence that each place holds."
+        )
+    best = places[0]
+    if not best.law.by:
+        yield f"No variable that was tried explains it: it moves by {_moved(best)} (1 sigma), otherwise at each visit."
+    if best.equivalent:
+        same = listed([place_words(law) for law in best.equivalent])
+        yield f"The same motion of the markers would come from {same}: a reflector or a gauge nearer the base tells."
 
 
-def same_motion_words(places: Sequence[LikelyPlace], same: Sequence[Law]) -> str:
-    """Which places beside those that are told could move the markers alike, and what speaks against them."""
-    told = {x.law.where for x in places}
-    names = [place_words(law) for law in same if law.where not in told]
-    if not names:
-        return ""
-    names[_ALIKE:] = [f"{len(names) - _ALIKE} more places"] if len(names) > _ALIKE else []
-    each, them = ("each by a law of its own", "these places") if names[1:] else ("by a law of its own", "this place")
-    return (
-        f"In the same way, to within the noise, {listed(names)} could move the markers, {each}: only how the motion "
-        f"follows its variable speaks against {them}."
-    )
+def _moved(place: LikelyPlace) -> str:
+    turns = place.law.part in ("drive", "bearing", "link")
+    return f"{1e6 * place.sd:.2g} urad" if turns else f"{1e3 * place.sd:.2g} mm"

@@ -114,9 +114,11 @@ def _trial(law: Law, loaded: bool) -> tuple[str, str]:
         "loaded": ("Take some unloaded readings twice", f"an offset of these readings from {of}"),
         "always": ("Take some unloaded readings twice", f"an offset of these readings from {of}"),
     }
+    if not law.by:
+        return "Repeat 6 poses, each twice", f"{of} at one pose from what the pose decides"
     more = f"Measure 6 more poses that differ in {variable_words(law)}"
     first = next((f for f in law.by if f not in ("loaded", "always")), law.by[0])
-    return known.get(first, (more, f"how {of} follows it"))
+    return known.get(first.partition(" ")[0] if " " in first else first, (more, f"how {of} follows it"))
 
 
 def _unsure(found: Diagnosis) -> Iterator[NextStep]:
