@@ -74,8 +74,8 @@ qsf compensate unknown/experiment.yaml unknown_fit.json examples/unknown_effect/
 
 ## With eight poses, and a second day
 
-The first {few} of these poses show something at the fifth drive, and the likeliest law there is one of several. `--follow-up`
-chooses the visits of a second day, two of them repeats, that settle it:
+The first {few} of these poses show something at the fifth drive, and the likeliest law there is one of several.
+`--follow-up` chooses the visits of a second day, two of them repeats, that settle it:
 
 ```sh
 {ask}
