@@ -450,6 +450,7 @@ def _unknown_rows(group: str, unknown: Sequence[Result]) -> list[Row]:
         told = [r for r in own if "among" in r]
         out.append(rate(f"{where}: place among those told", "-", told, _place_told))
         out.append(rate(f"{where}: place and variable among those told", "-", told, _variable_told))
+        out += _second_day_rows(where, [r for r in own if r.get("after")])
         moved = [r for r in own if "alike" in r]
         out.append(rate(f"{where}: place, or one that moves the markers alike", "-", moved, _place_alike))
     for poses, goal in ((40, 80.0), (14, 65.0)):
@@ -459,6 +460,24 @@ def _unknown_rows(group: str, unknown: Sequence[Result]) -> list[Row]:
         out.append(_median(f"{words}, in RMS", 0.0, _shares(own, lambda f: f.share_of_rms)))
         out.append(rate(f"{kinds}, {poses} poses: worse than the springs by 2 %", "<= 5 %", own, _worse))
     return out
+
+
+def _second_day_rows(where: str, own: Sequence[Result]) -> list[Row]:
+    """What both days say; a diagnosis that leaves nothing open has no second day, and counts as wrong."""
+
+    def right(r: Result) -> bool:
+        after = r["after"]
+        return "said" in after and place_right([*after["said"], *after["alike"]], r["place"])
+
+    def variable(r: Result) -> bool:
+        return "said" in r["after"] and variable_right(r["after"]["said"], r["place"], r["variable"])
+
+    goals = (">= 85 %", ">= 68 %") if "," not in where else ("-", "-")
+    label = f"{where}, after {MORE} visits that it asked for"
+    return [
+        rate(f"{label}: place, or one of the same motion", goals[0], own, right),
+        rate(f"{label}: place and variable", goals[1], own, variable),
+    ]
 
 
 def _place_told(r: Result) -> bool:
