@@ -27,7 +27,7 @@ def page() -> str:
     group: Any = typer.main.get_command(app)
     counts = Counter(_row(p) for command in group.commands.values() for p in _options(command))
     shared = [row for row, count in counts.items() if count >= SHARED]
-    head = HEAD + f"\n## Options of many commands\n\n{_table(shared)}"
+    head = HEAD + f"\n## Options of many commands\n\n{_list(shared)}"
     return head + "".join(_section(name, command, shared) for name, command in group.commands.items())
 
 
@@ -39,8 +39,8 @@ def _row(option: Any) -> tuple[str, str]:
     return ", ".join(f"`{o}`" for o in (*option.opts, *option.secondary_opts)), _words(option)
 
 
-def _table(rows: list[tuple[str, str]]) -> str:
-    return "".join(["| option | meaning |\n|---|---|\n", *(f"| {left} | {right} |\n" for left, right in rows)])
+def _list(rows: list[tuple[str, str]]) -> str:
+    return "".join(f"- {left}: {right}\n" for left, right in rows)
 
 
 def _section(name: str, command: Any, shared: list[tuple[str, str]]) -> str:
@@ -48,11 +48,11 @@ def _section(name: str, command: Any, shared: list[tuple[str, str]]) -> str:
     usage = " ".join(["qsf", name, *(_argument(p) for p in asked)])
     rows = [_row(p) for p in _options(command)]
     own = [*((f"`{_argument(p)}`", _words(p)) for p in asked), *(row for row in rows if row not in shared)]
-    table = f"\n{_table(own)}" if own else ""
+    listed = f"\n{_list(own)}" if own else ""
     also = ", ".join(left for left, right in rows if (left, right) in shared)
     more = f"\nAlso {also}.\n" if also else ""
     doc = " ".join((command.help or "").split())
-    return f"\n## `qsf {name}`\n\n{_escaped(doc)}\n\n```\n{usage}\n```\n{table}{more}"
+    return f"\n## `qsf {name}`\n\n{_escaped(doc)}\n\n```\n{usage}\n```\n{listed}{more}"
 
 
 def _argument(parameter: Any) -> str:
@@ -72,7 +72,7 @@ def _words(parameter: Any) -> str:
 
 
 def _escaped(text: str) -> str:
-    return text.replace("|", "\\|").replace("<", "&lt;").replace("[", "\\[")
+    return text.replace("<", "&lt;").replace("[", "\\[")
 
 
 if __name__ == "__main__":

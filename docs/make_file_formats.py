@@ -136,18 +136,18 @@ def page() -> str:
     out, used = [said["top"]], set[tuple[str, str]]()
     for title, found in rows().items():
         shown = f"```\n{_lines(*EXAMPLES[title])}```\n\n" if title in EXAMPLES else ""
-        out.append(f"\n## {title}\n\n{shown}{said[title]}\n| key | meaning |\n|---|---|\n")
+        out.append(f"\n## {title}\n\n{shown}{said[title]}\n")
         used |= {(title, name) for name, _, _ in found}
         meant = [(keys[title, name], required, spelled.split(", ")[:UNITS]) for name, spelled, required in found]
         for (words, required), alike in groupby(meant, lambda row: row[:2]):
             spelled = ", ".join(f"`{s}`" for row in alike for s in row[2])
-            out.append(f"| {spelled} | {'**required**: ' if required else ''}{words} |\n")
+            out.append(f"- {spelled}{' (required)' if required else ''}: {words}\n")
     for title in (t for t in said if t not in rows() and t != "top"):
-        out.append(f"\n## {title}\n\n{said[title]}\n| key | meaning |\n|---|---|\n")
+        out.append(f"\n## {title}\n\n{said[title]}\n")
         named = [(words, name) for (owner, name), words in keys.items() if owner == title]
         used |= {(title, name) for _, name in named}
         for words, alike in groupby(named, lambda row: row[0]):
-            out.append(f"| {', '.join(f'`{name}`' for _, name in alike)} | {words} |\n")
+            out.append(f"- {', '.join(f'`{name}`' for _, name in alike)}: {words}\n")
     if unknown := sorted(set(keys) - used):
         raise KeyError(f"no such key: {unknown}")
     return "".join(out)

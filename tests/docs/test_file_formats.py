@@ -22,9 +22,9 @@ def test_every_key_has_its_unit_and_its_line(root: Path) -> None:
     page = (root / "docs" / "file-formats.md").read_text()
     for title, rows in formats.rows().items():
         section = page.split(f"\n## {title}\n")[1].split("\n## ")[0]
-        shown = "".join(line.split(" | ")[0] for line in section.splitlines() if line.startswith("| `"))
+        shown = "".join(line.split(": ")[0] for line in section.splitlines() if line.startswith("- `"))
         assert all(f"`{spelled.split(', ')[0]}`" in shown for _, spelled, _ in rows)
-    assert "| `payload_kg` |" in page
+    assert "- `payload_kg`: " in page
     assert "`q1_deg`, `q1_rad`" in page
     assert set(measured(RobotSpec)) == {"limits_tolerance", "payload", "gravity"}
 
