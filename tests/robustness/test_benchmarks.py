@@ -87,6 +87,18 @@ def test_a_quick_run_is_not_written(load, tmp_path, monkeypatch, capsys) -> None
     assert "not written" in capsys.readouterr().err
 
 
+def test_raw_tables_go_beside_the_page_and_what_has_a_goal_stays(load, tmp_path, monkeypatch) -> None:
+    common = load("common")
+    monkeypatch.setattr(common, "RECORDS", tmp_path / "records")
+    text = "made\n\n" + common.table(["metric", "goal", "cases"], [["a", "1 %", "7"], ["b", "-", "9"]])
+    text += "\n\n### By kind\n\n" + common.table(["kind", "hits"], [["x, y", 3]])
+    page = common.shelved(text, "tried")
+    assert page.startswith("made\n\n| metric | goal |\n|---|---|\n| a | 1 % |\n\nRaw tables: ")
+    assert "[By kind, by kind](records/tried-by-kind-by-kind.csv)" in page
+    assert (tmp_path / "records" / "tried-by-kind-by-kind.csv").read_text() == 'kind,hits\n"x, y",3\n'
+    assert (tmp_path / "records" / "tried-by-metric.csv").read_text() == "metric,goal,cases\na,1 %,7\nb,-,9\n"
+
+
 def test_jobs_take_turns_and_each_has_its_median(load) -> None:
     order: list[str] = []
     found = load("common").turns({"a": lambda: order.append("a"), "b": lambda: order.append("b")}, 3)
