@@ -146,10 +146,17 @@ def shelved(text: str, name: str) -> str:
 
 
 def _of_goals(rows: Sequence[Sequence[str]]) -> str:
-    """The rows that have a goal, without how many cases they count."""
+    """The rows that have a goal, without how many cases they count; of a whole and its parts the whole."""
     shown = [k for k, name in enumerate(rows[0]) if name != "cases"]
     goal = rows[0].index("goal")
-    return table([rows[0][k] for k in shown], ([row[k] for k in shown] for row in rows[1:] if row[goal] != "-"))
+    names = {row[0] for row in rows}
+    kept = [row for row in rows[1:] if row[goal] != "-" and (_whole(row[0]) == row[0] or _whole(row[0]) not in names)]
+    return table([rows[0][k] for k in shown], ([row[k] for k in shown] for row in kept))
+
+
+def _whole(name: str) -> str:
+    """What a row counts a part of: `nothing hidden, 12 poses: said something` of `nothing hidden: said something`."""
+    return re.sub(r", [^:]*(?=:)", "", name, count=1)
 
 
 def _shelf(rows: Sequence[Sequence[str]], name: str, title: str) -> str:
