@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import re
+import shlex
 from pathlib import Path
 
 import draw_records
+import typer.main
+
+from qsframework.cli.main import app
 
 
 def test_every_page_is_in_the_menu(root: Path) -> None:
@@ -17,6 +21,23 @@ def test_links_lead_somewhere(root: Path) -> None:
     for page in (root / "docs").glob("*.md"):
         for target in re.findall(r"\]\(([^)#:]+)\)", page.read_text()):
             assert (page.parent / target).is_file(), f"{page.name}: {target}"
+
+
+def test_every_command_shown_exists_with_its_options(root: Path) -> None:
+    """What runs by a test of its own is held there to more; here are those with files of the reader's too."""
+    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    seen = 0
+    for page in [*(root / "docs").glob("*.md"), root / "README.md", *(root / "examples").glob("*/*.md")]:
+        text = page.read_text().replace("\\\n", " ")
+        for line in re.findall(r"^(?:\d\. )?qsf (\w.*)$", "\n".join(re.findall(r"```\w*\n(.*?)```", text, re.S)), re.M):
+            name, *rest = shlex.split(line, comments=True)
+            known = {
+                option for parameter in commands[name].params for option in (*parameter.opts, *parameter.secondary_opts)
+            }
+            asked = {word.partition("=")[0] for word in rest if re.match(r"--?[a-z]", word)}
+            assert asked <= known | {"--help"}, f"{page.name}: qsf {line}"
+            seen += 1
+    assert seen > 100
 
 
 def test_the_pictures_of_the_diagnosis_are_those_of_its_tables(root: Path) -> None:

@@ -58,3 +58,10 @@ def test_a_script_is_short(root: Path, name: str) -> None:
 def test_the_page_shows_every_script(root: Path) -> None:
     assert sorted(make_python.SCRIPTS) == sorted(p.stem for p in (root / "examples" / "scripts").glob("*.py"))
     assert make_python.page() == (root / "docs" / "python.md").read_text(), "run: python docs/make_python.py"
+
+
+def test_each_verb_of_the_api_page_runs(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (block,) = re.findall(r"^```python\n(.*?)^```", (root / "docs" / "api.md").read_text(), re.M | re.S)
+    monkeypatch.chdir(tmp_path)
+    exec(compile(block, "api.md", "exec"), {"__name__": "api_page"})
+    assert {path.name for path in tmp_path.iterdir()} >= {"plan.csv", "readings.csv", "fit.json", "scene.html"}
