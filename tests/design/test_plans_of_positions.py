@@ -78,6 +78,21 @@ def test_a_second_station_helps_and_costs(tmp_path: Path) -> None:
     assert sum(plan.repeats) + 4 * ("west" in plan.station) <= 16
 
 
+def test_reflectors_on_other_links_and_on_the_floor_are_planned_and_fitted(tmp_path: Path) -> None:
+    """What the plan promises of their places is what a fit gives, though not every station sees each at every pose."""
+    more = "  elbow: {xyz_mm: [0, 60, 60], link: link_3}\n  floor: {xyz_mm: [900, 200, 0], link: base_link}\n"
+    effects = "effects: [{effect: marker_offset, markers: all}]\nfit: [geometry, marker_offset]"
+    experiment = written(tmp_path, TEXT.replace("noise:", f"{more}noise:").replace("fit: [geometry]", effects))
+    wish = Wish(criterion="D", polish=False)
+    plan = design(experiment, 16, candidates=generate_candidates(experiment, 100, seed=0), wish=wish)
+    promised = {p.name: p.sd for p in promises(experiment, plan)}
+    readings = simulate(experiment, plan, seed=1).readings
+    assert 16 * 3 < len(readings) < 16 * 5
+    fit = {e.name: e.sd for e in identify(experiment, readings).estimates}
+    for name in (f"marker_offset[{marker}].{axis}" for marker in ("elbow", "floor") for axis in "xyz"):
+        assert fit[name] == pytest.approx(promised[name], rel=2e-2)
+
+
 TWO = """
 robot: ur10
 rigid: true
