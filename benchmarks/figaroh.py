@@ -1,7 +1,7 @@
 # ruff: noqa: E402 - threads are set before numpy is imported
 """FIGAROH 1.0.2 on the repository's UR10: its choice of configurations, its calibration.
 
-    python benchmarks/figaroh.py design 100 [--save rows.npz]
+    python benchmarks/figaroh.py design 100 [--save rows.npz] [--among q.npy]
     python benchmarks/figaroh.py identify B --seed 0 [--model structural|elastic|map]
 
 Each prints one line of JSON; `skipped` says why where FIGAROH is not installed (the extra `bench`).
@@ -134,13 +134,14 @@ def prepare(folder: Path, data: str, count: int, model: str) -> tuple[Any, str]:
     return robot, str(config)
 
 
-def design(count: int, seed: int, save: str | None) -> dict[str, Any]:
-    """FIGAROH's D-optimal choice among random configurations."""
+def design(count: int, seed: int, save: str | None, among: str | None = None) -> dict[str, Any]:
+    """FIGAROH's D-optimal choice among random configurations, or among those of a file, q (N, 6) rad."""
     from figaroh.optimal.base_optimal_calibration import BaseOptimalCalibration
 
     class Choice(BaseOptimalCalibration):
         def load_candidate_configurations(self) -> None:
-            self.q_measured = np.random.default_rng(seed).uniform(-np.pi, np.pi, (count, 6))
+            drawn = np.random.default_rng(seed).uniform(-np.pi, np.pi, (count, 6))
+            self.q_measured = drawn if among is None else np.load(among)
             self.calib_config["NbSample"] = count
             self._configs = {
                 "calibration_joint_names": JOINTS,
@@ -156,6 +157,9 @@ def design(count: int, seed: int, save: str | None) -> dict[str, Any]:
         regressor = clock.read()
         parameters = job.R_rearr.shape[1]
         names = job.calib_config["param_name"][:parameters]
+        if among is not None:  # real poses leave columns nearly dependent, and its solver divides by zero
+            job.R_rearr = np.linalg.qr(job.R_rearr)[0] * np.sqrt(len(job.R_rearr))  # the best choice is the same
+            job._subX_list, job._subX_dict = job.sub_info_matrix(job.R_rearr, job.calib_config)
         job.calculate_regressor = lambda: True  # its own choice computes it once more
         job.calculate_optimal_configurations()
         optimum = clock.read()
@@ -261,6 +265,7 @@ def main() -> None:
     one.add_argument("candidates", type=int)
     one.add_argument("--seed", type=int, default=0)
     one.add_argument("--save", help="a .npz file for the candidates q, their rows (N, 3, p) and the weights")
+    one.add_argument("--among", help="a .npy file of as many configurations, q (N, 6) rad")
     two = jobs.add_parser("identify")
     two.add_argument("series", choices=["B", "D", "b", "d"])
     two.add_argument("--seed", type=int, default=0)
@@ -272,7 +277,7 @@ def main() -> None:
         print(json.dumps({"skipped": "FIGAROH is not installed: pip install -c requirements.lock -e '.[bench]'"}))
         return
     if given.job == "design":
-        out = design(given.candidates, given.seed, given.save)
+        out = design(given.candidates, given.seed, given.save, given.among)
     else:
         out = identify(given.series, given.seed, given.model)
     print(json.dumps({"figaroh": version, **out}))

@@ -18,7 +18,7 @@ from qsframework.identify import identify
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "performance.md"
 SECTIONS = ("start-up", "commands", "kinematics", "design", "identification", "scaling")
-ASKED = ("against", "clean")
+ASKED = ("against", "clean", "positions")
 """Sections that only their own scripts fill, which take too long for `make bench`."""
 
 
