@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from qsframework.estimation.tails import normal_isf, normal_sf
+from qsframework.estimation.tails import normal_isf
 from qsframework.experiment import Readings
 from qsframework.identify import Fit, FitRecord
 from qsframework.plugin import Array, Indices
@@ -17,7 +17,6 @@ from qsframework.report.parameter_plots import correlation_figure, parameter_fig
 from qsframework.report.plots import AFTER, BEFORE, BLACK, BLUE, DASHES, GREY, ORANGE, SKY, blank, panels, plotted
 
 AXES = ("x", "y", "z")
-_BINS = 25
 _QUANTILE = 95
 
 
@@ -152,40 +151,20 @@ def _by_row(fit: Fit) -> tuple[Figure, ...]:
 
 
 def _normal(fit: Fit) -> tuple[Figure, ...]:
-    """Histogram and quantiles of the studentised residuals against the normal law."""
+    """Quantiles of the studentised residuals against the normal law."""
     z: Array = np.sort(fit.studentised[np.isfinite(fit.studentised)])
     if len(z) < 3:
         return ()
-    edges = np.linspace(min(-4.0, z[0]), max(4.0, z[-1]), min(_BINS, max(9, int(np.sqrt(len(z)) * 2))) + 1)
-    count, _ = np.histogram(z, edges)
-    middle, width = 0.5 * (edges[1:] + edges[:-1]), float(edges[1] - edges[0])
-    bars = blank("Histogram of the residuals", "residual / its sd", "coordinates")
-    bars.add_bar(x=middle, y=count, name="residuals", marker={"color": BLUE}, width=0.95 * width)
-    bars.add_scatter(
-        x=middle,
-        y=len(z) * np.diff(normal_sf(-edges)),
-        mode="lines",
-        name="normal law",
-        line={"color": BLACK, "dash": "dash", "shape": "spline"},
-    )
     wanted = -normal_isf((np.arange(1, len(z) + 1) - 0.5) / len(z))
-    quantiles = blank("Residuals against the normal law", "quantile of the normal law", "residual / its sd")
-    quantiles.add_scatter(x=wanted, y=z, mode="markers", name="residuals", marker={**AFTER, "size": 5})
+    figure = blank("Residuals against the normal law", "quantile of the normal law", "residual / its sd")
+    figure.add_scatter(x=wanted, y=z, mode="markers", name="residuals", marker={**AFTER, "size": 5})
     ends = [float(wanted[0]), float(wanted[-1])]
-    quantiles.add_scatter(x=ends, y=ends, mode="lines", name="normal law", line={"color": BLACK, "dash": "dash"})
-    return (
-        Figure(
-            bars,
-            "Look for bars far outside the dashed curve: gross errors; and for a curve that is too wide or too narrow: "
-            "the noise is not what was stated.",
-            row_table(("from", "to", "coordinates"), [edges[:-1].tolist(), edges[1:].tolist(), count.tolist()]),
-        ),
-        Figure(
-            quantiles,
-            "Look at the ends: points that leave the dashed line there are tails heavier than those of normal noise.",
-            row_table(("normal law", "residual / its sd"), [wanted.tolist(), z.tolist()]),
-        ),
+    figure.add_scatter(x=ends, y=ends, mode="lines", name="normal law", line={"color": BLACK, "dash": "dash"})
+    caption = (
+        "Look at the ends: points that leave the dashed line there are outliers, or tails heavier than those of normal "
+        "noise; points on a steeper or flatter line: the noise is not what was stated."
     )
+    return (Figure(figure, caption, row_table(("normal law", "residual / its sd"), [wanted.tolist(), z.tolist()])),)
 
 
 def workspace_figure(fit: Fit, readings: Readings, pose: Indices, marker: Indices, errors: Array) -> Figure:

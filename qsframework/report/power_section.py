@@ -128,15 +128,13 @@ def _seriated(angles: Array) -> Indices:
     return np.array([i for group in groups for i in group], dtype=np.intp)
 
 
-def power_figure(foresight: Foresight, marked: Sequence[tuple[str, float]] = ()) -> Plot:
-    """Detection rate against s; marked: names with their s, as lines."""
+def power_figure(foresight: Foresight) -> Plot:
+    """Detection rate against s."""
     figure = blank("Chance of detection", "s: visible size in units of noise", "detected, %")
     for i, curve in enumerate(foresight.curves):
         line, name = {"dash": DASHES[i % len(DASHES)]}, html.escape(curve_words(curve))
         figure.add_scatter(x=curve.s, y=100.0 * curve.rate, mode="lines", line=line, name=name)
     figure.add_hline(100.0 * foresight.power, line={"color": GREY, "width": 1, "dash": "dot"})
-    for name, s in marked:
-        figure.add_vline(s, line={"color": GREY, "width": 1}, annotation_text=html.escape(name))
     return figure
 
 
