@@ -9,7 +9,7 @@ import numpy as np
 from qsframework.identify import Fit, FitRecord
 from qsframework.identify.moved import moved, same_readings
 from qsframework.report.blocks import ReportTable
-from qsframework.report.words.sizes import value_words
+from qsframework.report.words.sizes import shown, with_sd
 
 
 def moved_words(fit: Fit, before: FitRecord) -> str:
@@ -21,7 +21,8 @@ def moved_words(fit: Fit, before: FitRecord) -> str:
     if not found:
         return "The two campaigns have no parameter in common."
     if gone:
-        rest = f"; the other {len(found) - len(gone)} agree" if len(found) > len(gone) else ""
+        agree = len(found) - len(gone)
+        rest = "" if not agree else "; the other one agrees" if agree == 1 else f"; the other {agree} agree"
         return f"Moved beyond its uncertainty: {', '.join(gone)}{rest}. Look for a repair, a crash, or another load."
     return f"No parameter moved beyond its uncertainty: all {len(found)} agree in both campaigns."
 
@@ -31,8 +32,9 @@ def moved_table(fit: Fit, before: FitRecord) -> ReportTable:
     rows = tuple(
         (
             m.name,
-            value_words(m.value, m.sd, m.unit),
-            value_words(m.before, m.sd_before, m.unit),
+            _value(m.value, m.sd, m.unit),
+            _value(m.before, m.sd_before, m.unit),
+            shown(1.0, m.unit)[1],
             f"{m.apart:+.1f}" if np.isfinite(m.apart) else "-",
             "moved" if m.beyond else "",
         )
@@ -41,7 +43,20 @@ def moved_table(fit: Fit, before: FitRecord) -> ReportTable:
     only = sorted({*fit.names} ^ {*before.names}, key=[*fit.names, *before.names].index)
     said = f" In one of them only: {', '.join(only)}." if only else ""
     return ReportTable(
-        ("parameter", "this fit ± sd", f"{Path(before.path).name or 'the other fit'} ± sd", "difference / its sd", ""),
+        (
+            "parameter",
+            "this fit ± sd",
+            f"{Path(before.path).name or 'the other fit'} ± sd",
+            "unit",
+            "change / its sd",
+            "",
+        ),
         rows,
         f"Moved: further than both uncertainties explain, at 1 % for all parameters together.{said}",
     )
+
+
+def _value(value: float, sd: float, unit: str) -> str:
+    """A value with its sd, where one is quoted, in the unit that tables show."""
+    size, width = (shown(v, unit)[0] for v in (value, sd))
+    return with_sd(size, width) if sd > 0.0 else f"{size:.4g}"

@@ -143,6 +143,12 @@ def power_section(foresight: Foresight, title: str = "What this plan would show"
     names = [p.name for p in foresight.prospects]
     blocks: list[Text | ReportTable | Figure] = [Text(said) for said in foresight_words(foresight)[:1]]
     blocks.append(size_table(foresight))
+    caption = (
+        "Look where the curves cross the dotted line: there a cause is detected as surely as is asked. s grows with "
+        "the effect and with the square root of the number of readings; a cause with more parameters must show more "
+        "before it is told from noise."
+    )
+    blocks.append(Figure(power_figure(foresight), caption))
     if np.isfinite(foresight.angles).any():
         caption = (
             "Look for dark squares off the diagonal: causes that do the same to these readings, whatever their size. "
@@ -151,11 +157,5 @@ def power_section(foresight: Foresight, title: str = "What this plan would show"
         blocks.append(angle_figure(names, foresight.angles, caption))
     if foresight.pairs:
         blocks.append(pair_table(foresight))
-    caption = (
-        "Look where the curves cross the dotted line: there a cause is detected as surely as is asked. s grows with "
-        "the effect and with the square root of the number of readings; a cause with more parameters must show more "
-        "before it is told from noise."
-    )
-    blocks.append(Figure(power_figure(foresight), caption))
     blocks.append(hidden_table(foresight))
     return Section(title, tuple(blocks))

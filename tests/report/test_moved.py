@@ -30,7 +30,7 @@ def fits(m900ib: Experiment) -> list[Fit]:
 
 
 def apart(one: Fit, other: Fit) -> dict[str, float]:
-    return {row[0]: float(row[3]) for row in moved_table(one, other).rows}
+    return {row[0]: float(row[4]) for row in moved_table(one, other).rows}
 
 
 def test_one_arm_measured_twice_and_one_that_changed(fits: list[Fit]) -> None:
@@ -69,7 +69,7 @@ def test_the_command_shows_them(tmp_path: Path) -> None:
     report = tmp_path / "b.html"
     done = run(app, ["identify", real, *some, "--compare", str(tmp_path / "a.json"), "--report", str(report)])
     assert done.exit_code == 0, done.output
-    assert "difference" in done.output
+    assert "change / its sd" in done.output
     assert "Both fits rest on the same readings" in done.output
     assert "In one of them only: joint_compliance[joint_1]" in " ".join(done.output.split())
     assert "the other fit" in report.read_text()
