@@ -15,5 +15,5 @@ for cause in found.findings:
     print(f"  look at: {cause.check}")
 rms = found.rms
 print(
-    f"at poses left out: {1e3 * rms.heldout_identified:.3f} mm without it, {1e3 * rms.heldout_extended:.3f} mm with it"
+    f"at held-out poses: {1e3 * rms.heldout_identified:.3f} mm without it, {1e3 * rms.heldout_extended:.3f} mm with it"
 )

@@ -529,7 +529,7 @@ def _searched(base: _Baseline, level: float, largest: int, seed: int) -> _Found:
 
 def _closed(found: _Found, level: float, largest: int, seed: int, repeats: int) -> tuple[_Found, _Closing]:
     """The closing gate, and what stands after it: names that a law is far ahead of drop out, and the law remains, where
-    it also predicts poses left out better than they do."""
+    it also predicts held-out poses better than they do."""
     if not largest:
         return found, _OPEN
     rest = level * (1.0 - _LIBRARY_SHARE)

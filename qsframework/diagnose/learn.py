@@ -83,7 +83,7 @@ def lessons(
 
 
 def foretold(blocks: Sequence[Array], fits: Reml, values: Array, pose: Indices) -> float:
-    """By how many of its standard errors the error at poses left out falls with a law of readings (m,) m, where each
+    """By how many of its standard errors the held-out error falls with a law of readings (m,) m, where each
     fold chooses among blocks (m, p) m anew; pose (m,): whose readings are left out together."""
     k = int(fits.choose(values[:, None])[0])
     noise, X = fits.noise.noises[k], fits.Q[k]

@@ -116,7 +116,7 @@ class NamedCause:
 
     @property
     def doubtful(self) -> bool:
-        """Whether the error at poses left out does not clearly fall with it, in the noise that was found: not at all,
+        """Whether the held-out error does not clearly fall with it, in the noise that was found: not at all,
         or, for a name that is barely seen, by no more than chance may do."""
         return self.heldout_gain <= 0.0 or (self.faint and self.heldout_clear < _CLEAR)
 
@@ -152,7 +152,7 @@ class Taught:
     """A law that was learned where no cause of the library explains the readings.
 
     cause: its effect and weights; leftover: by which evidence; s: visible size in units of noise; fit: exact, beside
-    the certain names; before, heldout: RMS per axis, m, at poses left out without and with it; gain: 1 - the one / the
+    the certain names; before, heldout: RMS per axis, m, at held-out poses without and with it; gain: 1 - the one / the
     other, in the noise; clear: by how many of its standard errors over the poses that lies above nothing; anew: the
     same where each fold chooses its law anew; physical: whether all values of the fit lie within their bounds; alike:
     causes of the library that it looks like, the likest first
@@ -176,7 +176,7 @@ class Taught:
 
     @property
     def holds(self) -> bool:
-        """Whether poses left out are clearly predicted better with it, all values being possible: else it is not
+        """Whether held-out poses are clearly predicted better with it, all values being possible: else it is not
         written."""
         return min(self.clear, self.anew) >= _CLEAR and self.physical
 
@@ -283,7 +283,7 @@ class Diagnosis(Viewed):
 
     @property
     def doubtful(self) -> tuple[NamedCause, ...]:
-        """The named causes without which poses left out are predicted as well."""
+        """The named causes without which held-out poses are predicted as well."""
         return tuple(f for f in self.findings if f.doubtful)
 
     @property

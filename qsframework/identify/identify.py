@@ -108,7 +108,7 @@ def _in_the_table(experiment: Experiment, readings: Readings) -> tuple[str, ...]
 
 
 def _held_out(fit: Fit) -> tuple[float, float, float]:
-    """The errors of a fit at poses left out, masked rows among them: of the nominal arm, of the fit, the largest."""
+    """The errors of a fit at held-out poses, masked rows among them: of the nominal arm, of the fit, the largest."""
     kind = next(k for k in ("position", "displacement", "gauge") if (fit.kind == k).any())
     at = fit.kind == kind
     size = fit.error_of if kind == "position" else rms

@@ -97,7 +97,7 @@ def _contradictions(fit: FitRecord, robot: Robot, experiment: Experiment | None)
     """Why this fit is not to be used, as far as its own numbers and the descriptions of arm and campaign say.
 
     A value beyond its declared bound by no more than twice its sd is one that the readings do not tell from the bound.
-    Where the residuals agree with a stated noise, an error at poses left out that is not below that of the values
+    Where the residuals agree with a stated noise, an held-out error that is not below that of the values
     before says no more than that these were right already.
     """
     parameters = robot.parameters if experiment is None else experiment.model().parameters
@@ -123,7 +123,7 @@ def _contradictions(fit: FitRecord, robot: Robot, experiment: Experiment | None)
             yield f"its {what} is none: a variance would be below zero"
     if fit.held_out_error >= fit.held_out_nominal and not fit.agrees:
         before, after = (f"{1e3 * v:.3f} mm" for v in (fit.held_out_nominal, fit.held_out_error))
-        yield f"its error at poses left out, {after}, is not below that of the values before, {before}"
+        yield f"its held-out error, {after}, is not below that of the values before, {before}"
 
 
 def _other_parameters(fit: FitRecord, experiment: Experiment) -> Iterator[str]:
@@ -228,7 +228,7 @@ def _explains(fit: FitRecord, experiment: Experiment, readings: Readings) -> Ite
             break
     if not fit.masked and not _alike(fit.held_out_error, again.held_out_error):
         given, own = (f"{1e3 * error:.4g} mm" for error in (again.held_out_error, fit.held_out_error))
-        yield f"its error at poses left out is {own}, and its readings give {given}"
+        yield f"its held-out error is {own}, and its readings give {given}"
 
 
 def _alike(one: float, other: float) -> bool:

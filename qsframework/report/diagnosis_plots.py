@@ -109,7 +109,7 @@ def budget_figure(diagnosis: Diagnosis) -> Figure:
     figure.add_hline(1e3 * noise.heldout, line={"color": GREY, "dash": "dot"}, annotation_text="noise")
     return Figure(
         figure,
-        "Bars: the error at poses left out, from the nominal to the extended model; the number is what is left after "
+        "Bars: the held-out error, from the nominal to the extended model; the number is what is left after "
         "each step. Look for bars that fall visibly: these causes earn their place; what stays above the dotted line "
         "is still unexplained. Diamonds far below the bars would say that the model follows the noise.",
         row_table(

@@ -86,11 +86,11 @@ def cause_table(diagnosis: Diagnosis) -> ReportTable:
 
 
 def doubtful_table(diagnosis: Diagnosis) -> ReportTable:
-    """Names without which poses left out are predicted as well, and what cannot be told from them."""
+    """Names without which held-out poses are predicted as well, and what cannot be told from them."""
     return ReportTable(
         _EVIDENCE,
         tuple(_with_rivals(diagnosis, diagnosis.doubtful)),
-        "Doubtful: significant in these readings, but the error at poses left out does not clearly fall with them. An "
+        "Doubtful: significant in these readings, but the held-out error does not clearly fall with them. An "
         "extended robot is written without them.",
     )
 

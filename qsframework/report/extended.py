@@ -29,14 +29,14 @@ def write_extended(
 
 
 def extended_words(diagnosis: Diagnosis, added: Sequence[str], *, doubtful: bool = False) -> str:
-    """By what a written robot is extended and what that gains at poses left out, where that is known."""
+    """By what a written robot is extended and what that gains at held-out poses, where that is known."""
     if not added:
         return "Nothing is added to the model; the values are those of these readings."
     taught, rms = diagnosis.taught, diagnosis.rms
     before, after = rms.heldout_identified, rms.heldout_extended
     if taught is not None and taught.name in added:
         before, after = taught.before, taught.heldout
-    gain = f": the error at poses left out falls from {1e3 * before:.3f} to {1e3 * after:.3f} mm"
+    gain = f": the held-out error falls from {1e3 * before:.3f} to {1e3 * after:.3f} mm"
     return f"The model is extended by {', '.join(added)}{gain if doubtful or not diagnosis.doubtful else ''}."
 
 

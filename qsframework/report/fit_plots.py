@@ -28,7 +28,7 @@ def fit_figures(fit: Fit, before: FitRecord | None = None) -> tuple[Figure, ...]
     sizes = {
         "nominal": np.linalg.norm(_whole(fit.measured - fit.nominal), axis=1),
         "identified": np.linalg.norm(_whole(fit.residuals), axis=1),
-        "poses left out": np.linalg.norm(out, axis=1),
+        "held-out poses": np.linalg.norm(out, axis=1),
     }
     spread = (distribution_figure(sizes),) if len(sizes["identified"]) else ()
     parameters = parameter_figure(fit, before)

@@ -159,7 +159,7 @@ def _total(fit: Fit) -> str:
 
 
 def error_tables(fit: Fit) -> tuple[ReportTable, ...]:
-    """For each kind of reading: before, after, and at poses left out, those that the fit masked as gross among them.
+    """For each kind of reading: before, after, and at held-out poses, those that the fit masked as gross among them.
 
     RMS per axis of displacements and gauges; of positions that of the distance.
     """
@@ -178,7 +178,7 @@ def error_tables(fit: Fit) -> tuple[ReportTable, ...]:
             rows[:1] = [("readings", rms(fit.measured[at])), ("nominal model", rows[0][1])]
         if len(unseen):
             rows.append(("the same without masked rows", size(fit.left_out[at])))
-        note = " Masked rows count as unseen." if len(unseen) else ""
+        note = " Masked rows count as held-out." if len(unseen) else ""
         if fit.carriers:
             note += f" It leaves out {', '.join(fit.carriers)}: each of these poses alone carries a parameter."
         out.append(_errors(title if at.all() else f"{kind}s, {title}", rows, note))

@@ -66,9 +66,7 @@ def test_from_a_diagnosis_to_a_certificate(name: str, tmp_path: Path) -> None:
     run("identify", tmp_path / "given" / "experiment.yaml", "--json", own)
     arguments = ("certificate", tmp_path / "given" / "experiment.yaml", own, "--halves", 2, "-o", tmp_path / "own.html")
     if name == "unknown_effect":  # a law that was learned is no cause by name
-        assert "with a law that is learned of it, the error at poses left out falls from 0.051 mm to 0.031 mm" in run(
-            *arguments
-        )
+        assert "with a law that is learned of it, the held-out error falls from 0.051 mm to 0.031 mm" in run(*arguments)
         return
     words = refused(*arguments)
     assert f"the readings name what the fit does not have, {ADDED[name]}" in words

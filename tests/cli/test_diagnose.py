@@ -28,7 +28,7 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
 def test_the_hidden_effect_is_named_extended_and_simulated(ran: tuple[Path, str], tmp_path: Path) -> None:
     (folder, output) = ran
     result, report, out = folder / "r.json", folder / "r.html", folder / "out"
-    assert "Explained by joint_hardening[joint_3]: the error at poses left out falls by " in output
+    assert "Explained by joint_hardening[joint_3]: the held-out error falls by " in output
     assert "\nCertain:\n  - joint_hardening[joint_3]: " in output
     found = json.loads(result.read_text())
     assert [c["id"] for c in found["causes"]] == ["joint_hardening[joint_3]"]

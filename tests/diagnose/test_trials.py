@@ -63,7 +63,7 @@ def clipped(still: Rest) -> Array:
 
 
 def test_a_name_without_gain_is_not_written(tmp_path: Path) -> None:
-    """B.1: causes were written though the error at poses left out rose."""
+    """B.1: causes were written though the held-out error rose."""
     found = answer(Hidden(gears=(clipped,)), tmp_path)
     assert not [f.name for f in found.findings if not f.doubtful], diagnosis_words(found)
     assert found.verdict in ("partly_explained", "unexplained")

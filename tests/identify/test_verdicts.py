@@ -41,7 +41,7 @@ def test_one_gross_reading_is_told_and_named(m900ib: Experiment, plan: Plan) -> 
 
 
 def test_one_gross_reading_is_masked_and_counts_as_unseen(m900ib: Experiment, plan: Plan) -> None:
-    """The fit without it agrees with the noise; the error at unseen readings counts it, and says what it is without."""
+    """The fit without it agrees with the noise; the held-out error counts it, and says what it is without."""
     readings = simulate(m900ib, plan, seed=1).readings
     wrong = spoilt(readings, [7], np.array([0.0, 3e-3, 0.0]))
     fit = identify(m900ib, wrong)

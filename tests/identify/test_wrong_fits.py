@@ -137,7 +137,7 @@ KINDS: dict[str, tuple[Callable[[Path], None], str]] = {
     "sigma": (stored(scaled("sigma_m", 100.0)), "its noise is 3 mm"),
     "sum of squares": (stored(scaled("chi2", 0.5)), "its sum of squares is"),
     "degrees of freedom": (stored(lambda f: f.update(dof=f["dof"] + 40)), "its sum of squares is"),
-    "held-out error": (stored(scaled("held_out_error_m", 0.1)), "its error at poses left out"),
+    "held-out error": (stored(scaled("held_out_error_m", 0.1)), "its held-out error"),
     "hash": (stored(lambda f: f["account"]["files"][0].update(sha256="0" * 64)), "readings have changed since"),
     "no hash": (stored(lambda f: f["account"].update(files=[])), "it names no readings"),
     "linear": (stored(lambda f: f["options"].update(linear=True)), "readings give"),

@@ -60,7 +60,7 @@ CABLE_SPRINGS = {
 }
 
 # 2. The UR10's real positions (examples/ur10/README.md, docs/ur10.md). Numbers told, left aside; RMS of the distance,
-#    mm: of the fit, and at poses left out, which the README rounds to 0.344 (D) and 0.396 (B). Tolerance: 0.1 %. Errors
+#    mm: of the fit, and at held-out poses, which the README rounds to 0.344 (D) and 0.396 (B). Tolerance: 0.1 %. Errors
 #    at halves that were not fitted stand in docs/ur10.md; no command gives them.
 GEOMETRY = ("marker_offset", "joint_offset", "joint_placement")
 STRUCTURAL, SPRINGS, SAG = GEOMETRY, (*GEOMETRY, *JOINTS[1:3]), (*GEOMETRY, "gravity_sag")
@@ -207,7 +207,7 @@ CLEAN = [("m900ib", "", 1), ("r2000ic", "", 2), ("kr500", "load_scale", 9)]
 #    units of the noise that the readings show beside the cause, which is 4 % smaller.
 HARDENING = ("joint_hardening[joint_3]", (20.0, -1.21e-16), (20.80, -1.2046e-16, 6.06e-18))
 #    The real cable pulls with J3 read as relative: the convention is found, then three causes. With these, each with
-#    its rivals, the error at poses left out, mm, falls from one number to the other (to 2 %).
+#    its rivals, the held-out error, mm, falls from one number to the other (to 2 %).
 REAL_CAUSES: dict[str, list[str]] = {
     "controller_coupling[joint_3]": [],
     "offaxis_compliance[joint_4/z]": ["link_compliance[link_3/rz]"],

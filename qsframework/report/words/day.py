@@ -141,7 +141,8 @@ def so_far_words(found: SoFar) -> str:
     if found.fit is None:
         return f"After {found.visits} visits the readings give no fit yet: {found.why}"
     known = sum(t.enough for t in found.told)
-    said = f"After {found.visits} visits {known} of {len(found.told)} parameters are known as well as the plan promised"
+    which = f"{known} of {len(found.told)} parameters"
+    said = f"After {found.visits} visits {which} are identified as well as the plan promised"
     if found.causes:
         said += f", of a model without {listed(found.causes)}, which the readings name: they say no more than it holds"
     if found.enough:

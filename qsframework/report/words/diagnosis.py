@@ -94,7 +94,7 @@ def named_groups(found: Diagnosis) -> dict[CauseGroup, tuple[NamedCause, ...]]:
 def _doubt(findings: Sequence[NamedCause]) -> str:
     names, they = names_words(findings), "it" if len(findings) == 1 else "them"
     return (
-        f"In the noise that was found, the error at poses left out does not clearly fall with {they}: an extended "
+        f"In the noise that was found, the held-out error does not clearly fall with {they}: an extended "
         f"robot is written without {names}."
     )
 
@@ -204,10 +204,10 @@ def learned_words(taught: Taught) -> str:
     law = taught.leftover.law
     what = f"As {taught.name} its law was learned from the readings, {variable_words(law)} at {place_words(law)}"
     if not taught.holds:
-        why = "the error at poses left out does not clearly fall" if taught.physical else "a value leaves its bounds"
+        why = "the held-out error does not clearly fall" if taught.physical else "a value leaves its bounds"
         return f"{what}, but {why} with it: it is not written."
     return (
-        f"{what} (s = {taught.s:.1f}): the error at poses left out, {mm(taught.before)} mm without it and "
+        f"{what} (s = {taught.s:.1f}): the held-out error, {mm(taught.before)} mm without it and "
         f"{mm(taught.heldout)} mm with it, falls by {100 * taught.gain:.0f} % in the noise that was found. It "
         "predicts, and says nothing of the cause."
     )

@@ -105,24 +105,24 @@ def fit_verdict(fit: Fit, poses: Poses | None = None) -> Verdict:
     unknown = [*(e.name for e in asked if e.state not in _KNOWN), *(entry.name for entry in fit.left_aside)]
     total = len(known) + len(unknown)
     p = fit.p_value
-    size = f"{mm(before)} \u2192 {mm(after)} mm at unseen poses"
+    size = f"{mm(before)} \u2192 {mm(after)} mm at held-out poses"
     if not np.isfinite(after):
         size = "no pose can be left out, so nothing says how large the error is at others"
-    told = f"{_all(total)} known" if not unknown else f"{len(known)} of {total} parameters known"
+    told = f"{_all(total)} identified" if not unknown else f"{len(known)} of {total} parameters identified"
     mark, word = Mark.GOOD, "Identified"
     if unknown:
-        mark, word = Mark.LOOK, "Identified in part"
+        mark, word = Mark.LOOK, "Partially identified"
         told += f", not {_listed(unknown)}"
         advised = next((n for n in unknown if n in fit.model.names), "")
         if advised and poses is not None and len(unknown) <= _NAMED:
             told += f". {advised}: {what_would_help(fit.model, advised, poses)}"
     if far:
         mark = Mark.LOOK
-        told += f"{'' if told.endswith('.') else '.'} Far from what was stated: {_listed(far)}"
+        told += f"{'' if told.endswith('.') else '.'} Outside its prior: {_listed(far)}"
     if not np.isfinite(after) or (p is not None and p > 1.0 - SIGNIFICANT):
         mark = Mark.LOOK
     if p is not None and p < SIGNIFICANT:
-        mark, word = Mark.BAD, "Residuals do not fit the noise"
+        mark, word = Mark.BAD, "Residuals exceed the stated noise"
     if impossible(fit):
         mark, word = Mark.BAD, "Not possible"
     if after >= before and (p is None or p < SIGNIFICANT):
@@ -134,10 +134,10 @@ def fit_verdict(fit: Fit, poses: Poses | None = None) -> Verdict:
         word,
         f"{size}; {told}.",
         (
-            (f"{mm(after)} mm", "error at unseen poses, RMS"),
+            (f"{mm(after)} mm", "held-out error, RMS"),
             (f"{mm(before)} mm", "the same by the nominal model"),
-            (f"{mm(largest)} mm", "largest distance at unseen poses"),
-            (f"{len(known)} of {total}", "parameters known"),
+            (f"{mm(largest)} mm", "largest distance at held-out poses"),
+            (f"{len(known)} of {total}", "parameters identified"),
         ),
     )
 

@@ -1,4 +1,4 @@
-"""The verdict of a diagnosis in one sentence: what acts, what it is worth at poses left out, and what to look at."""
+"""The verdict of a diagnosis in one sentence: what acts, what it is worth at held-out poses, and what to look at."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def headline(found: Diagnosis) -> str:
 def _table(found: Diagnosis, wrong: Sequence[Mistake]) -> str:
     """Where nothing but mistakes in the table, or in how it was read, is named."""
     more = f" ({len(wrong) - 1} more below)" if len(wrong) > 1 else ""
-    left = f"error at poses left out {mm(found.rms.heldout_identified)} mm, noise {mm(found.rms.noise)}"
+    left = f"held-out error {mm(found.rms.heldout_identified)} mm, noise {mm(found.rms.noise)}"
     if any(c.hides for c in wrong):
         rest = "no cause can be told beside it"
     elif found.verdict == "explained":
@@ -51,7 +51,7 @@ def _table(found: Diagnosis, wrong: Sequence[Mistake]) -> str:
 def _nothing(found: Diagnosis) -> str:
     e = found.rms
     seen = "the model fits within the noise and no cause of the library is seen"
-    return f"Nothing to name: {seen} (error at poses left out {mm(e.heldout_identified)} mm, noise {mm(e.noise)})."
+    return f"Nothing to name: {seen} (held-out error {mm(e.heldout_identified)} mm, noise {mm(e.noise)})."
 
 
 def _unexplained(found: Diagnosis) -> str:
@@ -62,11 +62,9 @@ def _unexplained(found: Diagnosis) -> str:
         what = f"more is left than the noise allows, most of it at {poses_words(worst_poses(found, _WORST))}"
     t = found.taught
     if t is not None and t.holds:
-        left = f"its law was learned, and the error at poses left out falls from {mm(t.before)} to {mm(t.heldout)} mm"
+        left = f"its law was learned, and the held-out error falls from {mm(t.before)} to {mm(t.heldout)} mm"
         return f"Unexplained: {what}; {left} (noise {mm(e.noise)})."
-    return (
-        f"Unexplained: {what}; the error at poses left out stays at {mm(e.heldout_identified)} mm, noise {mm(e.noise)}."
-    )
+    return f"Unexplained: {what}; the held-out error stays at {mm(e.heldout_identified)} mm, noise {mm(e.noise)}."
 
 
 def _gain(found: Diagnosis, they: str = "") -> str:
@@ -75,13 +73,13 @@ def _gain(found: Diagnosis, they: str = "") -> str:
         return "only one pose was measured, so nothing says whether this holds at another one"
     before, after = e.heldout_identified, e.heldout_extended
     if not np.isfinite(after / before):
-        return "no error at poses left out can be computed"
+        return "no held-out error can be computed"
     if after < before and not they:
         fall = f"falls by {100 * e.heldout_gain:.0f} %, from {mm(before)} to {mm(after)} mm"
-        return f"the error at poses left out {fall} (noise {mm(e.noise)})"
+        return f"the held-out error {fall} (noise {mm(e.noise)})"
     beside = f" with {they}" if they else ""
     change = f"{mm(before)} -> {mm(after)} mm, noise {mm(e.noise)}"
-    return f"the error at poses left out does not clearly fall{beside} ({change})"
+    return f"the held-out error does not clearly fall{beside} ({change})"
 
 
 def _reasons(found: Diagnosis) -> Iterator[str]:
@@ -152,7 +150,7 @@ _MARKS: dict[str, tuple[Mark, str]] = {
 
 
 def diagnosis_verdict(found: Diagnosis) -> Verdict:
-    """The headline with the error at poses left out, before and after, and the noise."""
+    """The headline with the held-out error, before and after, and the noise."""
     e = found.rms
     mark, word = _MARKS[found.verdict]
     named = f"{len(found.sure)}" + (f" + {len(found.doubtful)} doubtful" if found.doubtful else "")
@@ -161,7 +159,7 @@ def diagnosis_verdict(found: Diagnosis) -> Verdict:
         word,
         headline(found),
         (
-            (f"{mm(e.heldout_extended)} mm", "error at poses left out, with the causes"),
+            (f"{mm(e.heldout_extended)} mm", "held-out error, with the causes"),
             (f"{mm(e.heldout_identified)} mm", "without them"),
             (f"{mm(e.noise)} mm", "noise alone"),
             (named, f"named of {len(found.table)} causes tried"),

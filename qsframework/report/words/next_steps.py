@@ -122,7 +122,7 @@ def _trial(law: Law, loaded: bool) -> tuple[str, str]:
 
 
 def _unsure(found: Diagnosis) -> Iterator[NextStep]:
-    """Names that hang on few poses, or without which poses left out fit as well."""
+    """Names that hang on few poses, or without which held-out poses fit as well."""
     if found.doubtful:
         yield NextStep(f"Measure {_MORE} more poses", f"tells whether {names_words(found.doubtful)} acts at all")
     for f in found.sure:

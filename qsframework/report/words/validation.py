@@ -30,7 +30,7 @@ def validation_verdict(found: Validation) -> Verdict:
     what = "mean 3D error"
     if not np.isfinite(mean):
         mean, nominal, what = rms(found.whole.errors), rms(found.whole.before), "error, RMS per axis"
-    mark, word = Mark.GOOD, "Holds at unseen readings"
+    mark, word = Mark.GOOD, "Holds at held-out readings"
     if found.seen:
         mark, word = Mark.LOOK, "No test: the fit has seen these readings"
     if not mean < nominal:
