@@ -233,8 +233,8 @@ def _causes(experiment: Experiment, found: Diagnosis, anyway: bool) -> tuple[str
     if found.taught is not None and found.taught.holds:
         before, after = (f"{1e3 * error:.3f} mm" for error in (found.taught.before, found.taught.heldout))
         notes.append(
-            f"something acts that no cause of the library explains; with a law that is learned of it, the error at "
-            f"held-out poses falls from {before} to {after}"
+            f"something acts that no cause of the library explains; with a law that is learned of it, the held-out "
+            f"error falls from {before} to {after}"
         )
     elif found.leftovers:
         notes.append("the readings hint at a law that no cause of the library explains")

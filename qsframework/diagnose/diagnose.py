@@ -169,11 +169,10 @@ def diagnose(
     one_pose = check_pose_spread(angles, len(experiment.fit_names()), bool(first.estimated))
     tell("conventions")
     conventions = find_mistakes(experiment, readings, gross=False)
-    given = (experiment, readings)
     proved = adopted(conventions)
     last = proved[-1] if proved else None
     tell("baseline")
-    start = _start(last.experiment, last.readings) if last else _start(*given)
+    start = _start(last.experiment, last.readings) if last else _start(experiment, readings)
     largest = 0 if last and last.hides else largest
     found = _found(start, tell, level, largest, seed)
     if not proved:
@@ -189,9 +188,7 @@ def diagnose(
     threshold = library.scores.threshold(level * _LIBRARY_SHARE)
     findings = findings_of(library, answers, base.fit, held, threshold, _pose_names(base), seed)
     race = closing.race if best is None and closing.race is not None else _competition(base)
-    rivals = {**_places_ahead(race, findings), **closing.rivals}
-    findings = tuple(replace(f, instead=rivals.get(f.name)) for f in findings)
-    findings = (*_convention_findings(conventions), *findings)
+    findings = (*_convention_findings(conventions), *_beside(race, closing, findings))
     certain = _certain(base, best, findings)
     taught = _taught(base, best, certain, closing, level, seed, repeats)
     tell("noise")
@@ -201,7 +198,7 @@ def diagnose(
         account=_account(base, findings),
         experiment=base.experiment,
         readings=base.readings,
-        verdict=verdict_of(findings, closing.leftovers, after, bool(rivals) or ambiguous(library, findings)),
+        verdict=verdict_of(findings, closing.leftovers, after, ambiguous(library, findings)),
         findings=findings,
         table=table_of(library, best, findings, base.untested),
         conventions=conventions,
@@ -210,7 +207,7 @@ def diagnose(
         places=closing.places,
         before=misfit(base.experiment, base.readings, base.rows, base.fit),
         after=after,
-        rms=_errors(base, extended, held, given, audit),
+        rms=_errors(base, extended, held, (experiment, readings), audit),
         kept=base.rows.keep,
         outliers=np.setdiff1d(base.given.keep, base.rows.keep),
         baseline=base.fit,
@@ -225,7 +222,7 @@ def diagnose(
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Closing:
     """What the names leave and where it may be, by name the law that stands in its place as well, those that cannot
     stand beside theirs, what can be learned and how well a choice among laws foretells, and how places compete."""
@@ -239,7 +236,7 @@ class _Closing:
     race: Competition | None = None
 
 
-_OPEN = _Closing((), (), {}, (), ())
+_OPEN = _Closing(leftovers=(), places=(), rivals={}, beaten=(), lessons=())
 """Where nothing may be said of what is left."""
 
 
@@ -612,7 +609,7 @@ def _close(base: _Baseline, best: Answer | None, fit: SettledFit, level: float, 
     strong = sorted(zip(e.tolist(), blocks, strict=True), key=lambda x: -x[0])[:_LIKELY] if len(e) else []
     among = [*(x.block.columns for x in likely), *(b.columns for _, b in strong)]
     anew = foretold(among, fits, tame, np.repeat(base.rows.pose, 3)) if taught else 0.0
-    return _Closing(left, places, rivals, beaten, taught, anew, race)
+    return _Closing(leftovers=left, places=places, rivals=rivals, beaten=beaten, lessons=taught, anew=anew, race=race)
 
 
 def _competition(base: _Baseline) -> Competition:
@@ -628,13 +625,18 @@ def _visible_causes(base: _Baseline) -> dict[str, Array]:
     return {c.name: base.case.metres(i) for i, (c, s) in enumerate(zip(base.case.causes, seen, strict=True)) if s}
 
 
-def _places_ahead(race: Competition, findings: Sequence[NamedCause]) -> dict[str, Leftover]:
-    """The likeliest law of a place, in the place of every name, where the causes are not plainly ahead of places."""
+def _beside(race: Competition, closing: _Closing, findings: Sequence[NamedCause]) -> tuple[NamedCause, ...]:
+    """The names, each with the law that stands in its place as well: of the closing gate, or, where the causes are not
+    plainly ahead of all places, the likeliest law of these."""
     first = next((e for e in race.entries if not e.is_repeatability), None)
-    if first is None or race.causes_ahead > _AHEAD:
-        return {}
-    law = first.told(1.0).law
-    return {f.name: Leftover(law, float("nan"), first.evidence - race.causes.get(f.name, 0.0)) for f in findings}
+    law = first.told(1.0).law if first is not None and race.causes_ahead <= _AHEAD else None
+    out: list[NamedCause] = []
+    for f in findings:
+        instead = closing.rivals.get(f.name)
+        if instead is None and first is not None and law is not None:
+            instead = Leftover(law, float("nan"), first.evidence - race.causes.get(f.name, 0.0))
+        out.append(replace(f, instead=instead))
+    return tuple(out)
 
 
 def _causes(base: _Baseline, best: Answer | None) -> list[Cause]:

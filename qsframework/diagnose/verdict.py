@@ -17,8 +17,9 @@ MANY = 8
 
 
 def ambiguous(library: Library, findings: Sequence[NamedCause]) -> bool:
-    """Whether some cause is barely seen, or could be any of many that do different things to the readings."""
-    if any(f.faint for f in findings):
+    """Whether some cause is barely seen, has a law in its place as well, or could be any of many that do different
+    things to the readings."""
+    if any(f.faint or f.instead is not None for f in findings):
         return True
     at = {c.name: i for i, c in enumerate(library.case.causes)}
     kinds = [{library.aliases(at[r.name]) for r in f.rivals} for f in findings]

@@ -68,7 +68,7 @@ class Reflector:
     chance: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class FollowUp:
     """A second day: its visits, the chance that the likeliest place is the right one before and after, the same of
     place and variable, reflectors that would raise it, the best first, and what was open."""
@@ -111,7 +111,15 @@ def follow_up(
     place, variable = game.chances(chosen, seed)
     first, at_first = game.chances((), seed)
     reflectors = _reflectors(diagnosis, experiment, suspects, plan, seed)
-    return FollowUp(plan, first, place, at_first, variable, reflectors, suspects)
+    return FollowUp(
+        plan=plan,
+        before=first,
+        after=place,
+        variable_before=at_first,
+        variable_after=variable,
+        reflectors=reflectors,
+        suspects=suspects,
+    )
 
 
 def suspects_of(diagnosis: Diagnosis) -> tuple[Suspect, ...]:
@@ -162,7 +170,7 @@ def _load_name(experiment: Experiment, wrench: Array) -> str:
     return near[0] if near else ""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class _Game:
     """Columns of each of H explanations, whitened, their weights drawn with sd 1: first (m, p) at the first day, at
     each of N visits (N, w, p); y (m,): the first day's readings; odds (H,); place, kind (H,): numbers of the answers;
@@ -289,8 +297,17 @@ def _game(diagnosis: Diagnosis, experiment: Experiment, suspects: Sequence[Suspe
         own = [by[f] for f in by if f in law.by or not f]
         Z = dict(law_columns(place, s.law.at, moved, own))[law.by] * s.law.sd
         columns.append(case.noise.whiten(Z.reshape(-1, Z.shape[2])))
+    first, visits, y = _split(case.A, columns, case.residuals, rows.plus, len(diagnosis.kept))
+    laws = [s.law.name if isinstance(s.law, Cause) else "*".join(s.law.law.by) for s in suspects]
+    kinds = {name: i for i, name in enumerate(dict.fromkeys(laws))}
     return _Game(
-        *_split(case.A, columns, case.residuals, rows.plus, len(diagnosis.kept)), *_labels(suspects), case.A.shape[1]
+        first=first,
+        visits=visits,
+        y=y,
+        odds=np.array([s.share for s in suspects]),
+        place=np.array([s.place for s in suspects]),
+        kind=np.array([kinds[name] for name in laws]),
+        free=case.A.shape[1],
     )
 
 
@@ -313,16 +330,6 @@ def _split(
         out[visit[order], place] = rows[order]
         later.append(out.reshape(len(out), 3 * width, -1))
     return tuple(day_one), tuple(later), y[: 3 * first]
-
-
-def _labels(suspects: Sequence[Suspect]) -> tuple[Array, Indices, Indices]:
-    laws = [s.law.name if isinstance(s.law, Cause) else "*".join(s.law.law.by) for s in suspects]
-    kinds = {name: i for i, name in enumerate(dict.fromkeys(laws))}
-    return (
-        np.array([s.share for s in suspects]),
-        np.array([s.place for s in suspects]),
-        np.array([kinds[name] for name in laws]),
-    )
 
 
 def _plan_of(experiment: Experiment, pool: Plan, chosen: Sequence[int], seed: int) -> Plan:

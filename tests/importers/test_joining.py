@@ -243,7 +243,7 @@ def test_a_mapping_is_kept_in_a_file(campaign: Campaign) -> None:
 def test_a_workbook_without_openpyxl_says_what_to_install(campaign: Campaign, monkeypatch: pytest.MonkeyPatch) -> None:
     path = samples.workbook(campaign)
     monkeypatch.setitem(sys.modules, "openpyxl", None)
-    with pytest.raises(InputError, match=r"qsframework\[excel\]"):
+    with pytest.raises(InputError, match=r"pip install '\.\[excel\]'"):
         import_readings(campaign.experiment, [path], campaign.folder / "plan.csv")
 
 

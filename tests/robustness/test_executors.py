@@ -397,5 +397,5 @@ def test_no_scheduler_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_without_dask_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(InputError, match=r"qsframework\[cluster\]"):
+    with pytest.raises(InputError, match=r"pip install '\.\[cluster\]'"):
         list(run(whose, 0.0, range(2), Work(dask="tcp://127.0.0.1:1")))

@@ -212,7 +212,7 @@ def _noises(fits: Reml, values: Array, visits: Visits) -> tuple[_Noise, ...]:
     return tuple(out)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class _Free:
     """A motion that is free at each visit, in T sizes: what it leaves of a fit in one noise.
 
@@ -245,7 +245,8 @@ def _free(white: Array, noise: _Noise, taus: Array) -> _Free:
     inverse = np.asarray(np.linalg.inv(products), dtype=np.float64)
     rss = noise.total - w @ np.square(b) - np.einsum("tf,tfg,tg->t", x, inverse, x)
     log_det = np.log1p(grown).sum(axis=1) + np.linalg.slogdet(products)[1]
-    return _Free(U, w, a, b, inverse, x, np.maximum(rss, 1e-12 * noise.total), log_det)
+    least = np.maximum(rss, 1e-12 * noise.total)
+    return _Free(U=U, w=w, a=a, b=b, inverse=inverse, x=x, rss=least, log_det=log_det)
 
 
 def _likelihood(noise: _Noise, rss: Array, log_det: Array) -> Array:
