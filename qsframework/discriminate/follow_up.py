@@ -10,7 +10,7 @@ Were h true, a rival k would fit theta_{k|h}. A visit with columns F adds
     delta_hk^2 += r' (I + F_k P_k^-1 F_k')^-1 r,   r = F_h theta_h - F_k theta_{k|h}
 
 and the visits make J = sum of sqrt(pi_h pi_k) exp(-delta_hk^2 / 8), over pairs that differ in place or variable, as
-small as they can (Bhattacharyya's bound of the chance to confuse them), greedily and then by exchange.
+small as they can (Bhattacharyya's bound of the chance to confuse them), one visit after the other.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from qsframework.design import Candidates
 from qsframework.diagnose.linearization.candidates import Cause
 from qsframework.diagnose.linearization.columns import make_case
 from qsframework.diagnose.linearization.generic_blocks import motions
-from qsframework.diagnose.linearization.place_motions import law_columns, places_of, variables
+from qsframework.diagnose.linearization.place_motions import VisitGroups, by_group, law_columns, places_of, variables
 from qsframework.diagnose.result import Diagnosis
-from qsframework.diagnose.selection.places import Explanation
+from qsframework.diagnose.selection.places import PlaceMotion
 from qsframework.discriminate.alternatives import batch
 from qsframework.discriminate.pair import CANDIDATES, drawn, with_loads
 from qsframework.errors import InputError
@@ -40,7 +40,7 @@ from qsframework.plugin.facts import frozen
 
 COUNT = 8
 _AGAIN = 2
-"""Visits of a second day that repeat one of the first: they tell what a visit shares from what acts."""
+"""VisitGroups of a second day that repeat one of the first: they tell what a visit shares from what acts."""
 _WITHIN = 12.0
 """Nats below the likeliest explanation within which others are looked at."""
 _AT_A_PLACE, _MOST = 5, 28
@@ -55,7 +55,7 @@ class Suspect:
     """An explanation that the first day leaves open: a law of a place or a cause, in words of neither; share of the
     evidence; place: number of the answer that it belongs to."""
 
-    law: Explanation | Cause
+    law: PlaceMotion | Cause
     share: float
     place: int
 
@@ -105,7 +105,7 @@ def follow_up(
     pool = _pool(diagnosis, experiment, pendant)
     tell("what the visits would show", 0, 1)
     game = _game(diagnosis, experiment, suspects, pool)
-    again = np.flatnonzero(np.char.startswith(np.array(pool.pose), "again"))
+    again = np.arange(len(pool.pose))[-len(_states(diagnosis)) :]
     chosen = game.choose(count, again, tell)
     plan = _plan_of(experiment, pool, chosen, seed)
     place, variable = game.chances(chosen, seed)
@@ -124,7 +124,7 @@ def follow_up(
 
 def suspects_of(diagnosis: Diagnosis) -> tuple[Suspect, ...]:
     """What may be true of the first day: laws of places within reach of the likeliest, and causes of the library."""
-    found: list[tuple[float, Explanation | Cause, int]] = []
+    found: list[tuple[float, PlaceMotion | Cause, int]] = []
     entries, causes = diagnosis.competition.entries, diagnosis.competition.causes
     for number, entry in enumerate(entries):
         laws = [e for e in entry.explanations if e.law.by][:_AT_A_PLACE]
@@ -146,10 +146,15 @@ def _second(diagnosis: Diagnosis) -> Experiment:
     return experiment.with_(noise=replace(experiment.noise, sigma=own))
 
 
+def _states(diagnosis: Diagnosis) -> Indices:
+    """The states that were read on the first day."""
+    return np.unique(diagnosis.readings.plus[diagnosis.kept])
+
+
 def _pool(diagnosis: Diagnosis, experiment: Experiment, pendant: Array) -> Plan:
-    """Every candidate under every load, and the poses of the first day once more under theirs."""
+    """Every candidate under every load, and after them the poses of the first day once more under theirs."""
     first = diagnosis.readings
-    used = np.unique(first.plus[diagnosis.kept])
+    used = _states(diagnosis)
     again = first.poses.take(used)
     if experiment.loads:
         poses, _, loads = batch(experiment, pendant)
@@ -222,7 +227,7 @@ class _Game:
         return out
 
     def choose(self, count: int, again: Indices, tell: Progress) -> tuple[int, ...]:
-        """The visits, greedily, the last of them from those of the first day, and each once more against all."""
+        """The visits, greedily, the last of them from those of the first day."""
         taken, total = list[int](), np.zeros((len(self.odds), len(self.odds)))
         every = np.arange(len(self.shown))
         twice = _AGAIN if count > 2 * _AGAIN and len(again) else 0
@@ -315,21 +320,10 @@ def _split(
     A: Array, columns: Sequence[Array], y: Array, plus: Indices, first: int
 ) -> tuple[tuple[Array, ...], tuple[Array, ...], Array]:
     """Columns at the first day's rows, and at those of each later visit (N, w, p), padded with zeros."""
-    visit = np.unique(plus[first:], return_inverse=True)[1]
-    width = int(np.bincount(visit).max())
-    order = np.argsort(visit, kind="stable")
-    start = np.cumsum(np.bincount(visit)) - np.bincount(visit)
-    place = np.arange(len(order)) - start[visit[order]]
-    day_one: list[Array] = []
-    later: list[Array] = []
-    for Z in columns:
-        both = np.concatenate([A, Z], axis=1)
-        day_one.append(both[: 3 * first])
-        rows = both[3 * first :].reshape(len(visit), 3, -1)
-        out = np.zeros((int(visit.max()) + 1, width, 3, both.shape[1]))
-        out[visit[order], place] = rows[order]
-        later.append(out.reshape(len(out), 3 * width, -1))
-    return tuple(day_one), tuple(later), y[: 3 * first]
+    at = by_group(plus[first:])
+    visits = VisitGroups(at, np.zeros(len(plus) - first, dtype=np.intp))
+    whole = [np.concatenate([A, Z], axis=1) for Z in columns]
+    return tuple(w[: 3 * first] for w in whole), tuple(visits.split(w[3 * first :]) for w in whole), y[: 3 * first]
 
 
 def _plan_of(experiment: Experiment, pool: Plan, chosen: Sequence[int], seed: int) -> Plan:

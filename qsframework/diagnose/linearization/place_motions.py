@@ -50,7 +50,7 @@ class Place:
 
 
 @dataclass(frozen=True, eq=False)
-class Visits:
+class VisitGroups:
     """Rows by what is whitened together: at (G, w) rows of each group, -1 beyond its last; turn (R,): the place of a
     row's visit among those of its group."""
 
@@ -59,7 +59,7 @@ class Visits:
 
     @property
     def together(self) -> int:
-        """Visits of a group at most."""
+        """VisitGroups of a group at most."""
         return int(self.turn.max(initial=0)) + 1
 
     def apart(self, motion: Array) -> Array:
@@ -74,20 +74,26 @@ class Visits:
         return np.where(self.at[..., None, None] >= 0, rows[self.at], 0.0).reshape(len(self.at), -1, columns.shape[1])
 
 
-def visits_of(rows: ReadingRows) -> Visits:
-    """The visits of rows, by what their noise shares."""
-    group = np.full(len(rows.keep), -1, dtype=np.intp)
-    group[rows.row] = rows.together
-    group = np.unique(group, return_inverse=True)[1]
+def by_group(label: Indices) -> Indices:
+    """Places (G, w) of what bears each label (n,), in the order of the labels, -1 beyond the last of a group."""
+    group = np.unique(label, return_inverse=True)[1]
     order, counts = np.argsort(group, kind="stable"), np.bincount(group)
     first = np.cumsum(counts) - counts
     at = np.full((len(counts), counts.max()), -1, dtype=np.intp)
     at[group[order], np.arange(len(order)) - first[group[order]]] = order
+    return at
+
+
+def visits_of(rows: ReadingRows) -> VisitGroups:
+    """The visits of rows, by what their noise shares."""
+    group = np.full(len(rows.keep), -1, dtype=np.intp)
+    group[rows.row] = rows.together
+    at = by_group(group)
     turn = np.zeros(len(rows.keep), dtype=np.intp)
     for own in at:
         used = own[own >= 0]
         turn[used] = np.unique(rows.plus[used], return_inverse=True)[1]
-    return Visits(at, turn)
+    return VisitGroups(at, turn)
 
 
 def places_of(moved: Motions) -> Iterator[Place]:

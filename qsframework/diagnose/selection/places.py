@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from qsframework.diagnose.linearization.generic_blocks import Motions
 from qsframework.diagnose.linearization.place_motions import (
     Place,
     Variable,
-    Visits,
+    VisitGroups,
     law_columns,
     places_of,
     variables,
@@ -55,7 +56,7 @@ _MOST = 20_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class Explanation:
+class PlaceMotion:
     """One way in which a place may move: about some of its axes, freely (a law without factors) or by a law.
 
     evidence: nats against nothing, its prior included; sd: of a coefficient, rad or m per unit of its functions
@@ -69,13 +70,13 @@ class Explanation:
 
 
 @dataclass(frozen=True, eq=False)
-class Entry:
+class RankedPlace:
     """A place, or several that move the markers alike, the plainest first; evidence: nats against nothing, of all its
     explanations, the likeliest of them first."""
 
     places: tuple[Law, ...]
     evidence: float
-    explanations: tuple[Explanation, ...]
+    explanations: tuple[PlaceMotion, ...]
 
     @property
     def is_repeatability(self) -> bool:
@@ -96,7 +97,7 @@ class Entry:
 class Competition:
     """All places, the likeliest first, and causes by name: nats against nothing, of each with its prior."""
 
-    entries: tuple[Entry, ...]
+    entries: tuple[RankedPlace, ...]
     causes: Mapping[str, float]
 
     @property
@@ -157,7 +158,7 @@ def compete(moved: Motions, fits: Reml, values: Array, causes: Mapping[str, Arra
     return Competition(tuple(sorted(entries, key=lambda e: -e.evidence)), known)
 
 
-def _entries(group: Sequence[Sequence[Explanation]]) -> Iterator[Entry]:
+def _entries(group: Sequence[Sequence[PlaceMotion]]) -> Iterator[RankedPlace]:
     """Of places of one motion; their evidence is that of the likeliest, for they are one answer.
 
     What moves all readings differently at each visit is repeatability, and an entry of its own.
@@ -170,12 +171,12 @@ def _entries(group: Sequence[Sequence[Explanation]]) -> Iterator[Entry]:
         yield _entry(places, [own for own in group if own])
 
 
-def _entry(places: tuple[Law, ...], group: Sequence[Sequence[Explanation]]) -> Entry:
+def _entry(places: tuple[Law, ...], group: Sequence[Sequence[PlaceMotion]]) -> RankedPlace:
     ordered = sorted((e for own in group for e in own), key=lambda e: -e.evidence)
-    return Entry(places, max(_total(own) for own in group), tuple(ordered))
+    return RankedPlace(places, max(_total(own) for own in group), tuple(ordered))
 
 
-def _total(own: Sequence[Explanation]) -> float:
+def _total(own: Sequence[PlaceMotion]) -> float:
     return float(np.logaddexp.reduce([e.evidence for e in own]))
 
 
@@ -196,7 +197,7 @@ class _Noise:
         return float(np.sqrt(self.total / max(self.free, 1)))
 
 
-def _noises(fits: Reml, values: Array, visits: Visits) -> tuple[_Noise, ...]:
+def _noises(fits: Reml, values: Array, visits: VisitGroups) -> tuple[_Noise, ...]:
     out: list[_Noise] = []
     fitted = fits.noise.noises[0].colour(fits.Q[0])
     for rho in _RHOS:
@@ -275,12 +276,17 @@ class _Race:
     """What all places are measured with; evidence counts from nothing in noise without a shared error."""
 
     fits: Reml
-    visits: Visits
+    visits: VisitGroups
     noises: tuple[_Noise, ...]
 
     @property
     def nothing(self) -> float:
         return self.noises[0].start - float(np.log(0.5))
+
+    @cached_property
+    def _still(self) -> tuple[_Free, ...]:
+        """No free motion, in every noise."""
+        return tuple(_free(np.zeros((*noise.y.shape, 0)), noise, np.zeros(1)) for noise in self.noises)
 
     def white(self, columns: Array, noise: _Noise) -> Array:
         """Columns (3 R, p) m, whitened, group by group."""
@@ -292,11 +298,11 @@ class _Race:
         size = float(np.sqrt(np.square(flat).sum() / max(np.count_nonzero(flat), 1))) or 1.0
         return motion / size, size
 
-    def free(self, place: Place) -> list[Explanation]:
+    def free(self, place: Place) -> list[PlaceMotion]:
         """A place that moves freely at each visit, about all its axes and about each alone."""
         return [self._freely(place, axis, at) for axis, at in place.subsets()]
 
-    def _freely(self, place: Place, axis: str, at: list[int]) -> Explanation:
+    def _freely(self, place: Place, axis: str, at: list[int]) -> PlaceMotion:
         motions = [place.plus[..., at]]
         if place.torque is not None:
             later, earlier = (t[:, None, at] for t in place.torque)
@@ -313,12 +319,12 @@ class _Race:
                     best = max(best, (float(L.max()), float(_TAUS[L.argmax()]) * noise.unit / size))
         e = float(np.logaddexp.reduce(np.concatenate(found)) - np.log(len(_TAUS) * len(motions)))
         law = Law(place.law.part, place.law.place, (), axis)
-        return Explanation(place, tuple(at), law, e - self.nothing + _prior(place, axis), best[1])
+        return PlaceMotion(place, tuple(at), law, e - self.nothing + _prior(place, axis), best[1])
 
-    def laws(self, free: Sequence[Explanation], moved: Motions, by: Sequence[Variable]) -> list[Explanation]:
+    def laws(self, free: Sequence[PlaceMotion], moved: Motions, by: Sequence[Variable]) -> list[PlaceMotion]:
         """The laws of a place, about all its axes and about the likeliest alone; half of each without a free motion
         beside it."""
-        noise, out = self.noises[0], list[Explanation]()
+        noise, out = self.noises[0], list[PlaceMotion]()
         taus = np.concatenate([[1e-9], _TAUS[2::2]])
         prior = np.log(np.concatenate([[0.5], np.full(len(taus) - 1, 0.5 / (len(taus) - 1))]))
         single = max((e for e in free if e.law.axis), key=lambda e: e.evidence, default=None)
@@ -331,22 +337,21 @@ class _Race:
                 e = float(np.logaddexp.reduce(L.ravel()) - np.log(L.shape[1])) - self.nothing
                 law = Law(place.law.part, place.law.place, factors, start.law.axis)
                 sd = float(_WEIGHTS[L[0].argmax()]) * noise.unit / size
-                out.append(Explanation(place, start.at, law, e + _prior(place, start.law.axis), sd))
+                out.append(PlaceMotion(place, start.at, law, e + _prior(place, start.law.axis), sd))
         return [replace(e, evidence=e.evidence - float(np.log(len(out)))) for e in out]
 
     def cause(self, columns: Array) -> float:
         """Evidence of a cause's columns (3 R, p) m."""
         unit, _ = self.unit(columns.reshape(-1, 3, columns.shape[1]))
         out = list[float]()
-        for noise in self.noises:
-            nothing = _free(np.zeros((*noise.y.shape, 0)), noise, np.zeros(1))
+        for noise, nothing in zip(self.noises, self._still, strict=True):
             L = _with_law(nothing, noise, self.white(unit.reshape(columns.shape), noise))
             out.append(float(np.logaddexp.reduce(L.ravel()) - np.log(L.size)))
         return float(np.logaddexp.reduce(out)) - self.nothing
 
-    def alike(self, every: Sequence[list[Explanation]]) -> list[list[list[Explanation]]]:
+    def alike(self, every: Sequence[list[PlaceMotion]]) -> list[list[list[PlaceMotion]]]:
         """The places by groups of one motion, the likeliest first."""
-        groups: list[list[list[Explanation]]] = []
+        groups: list[list[list[PlaceMotion]]] = []
         for own in sorted(every, key=lambda own: -_total(own)):
             home = next((g for g in groups if self._one_motion(g[0], own)), None)
             if home is None:
@@ -355,16 +360,16 @@ class _Race:
                 home.append(own)
         return groups
 
-    def _one_motion(self, first: list[Explanation], second: list[Explanation]) -> bool:
+    def _one_motion(self, first: list[PlaceMotion], second: list[PlaceMotion]) -> bool:
         """Whether some likely axes of one place move all readings as some of the other do, visit by visit."""
         return any(self._same(a, b) for a in _likely(first) for b in _likely(second) if len(a.at) == len(b.at))
 
-    def _same(self, a: Explanation, b: Explanation) -> bool:
+    def _same(self, a: PlaceMotion, b: PlaceMotion) -> bool:
         J, K = (self.white(self.visits.apart(e.place.plus[..., list(e.at)]), self.noises[0]) for e in (a, b))
         return max(_left(J, K), _left(K, J)) < _ALIKE
 
 
-def _likely(own: Sequence[Explanation]) -> list[Explanation]:
+def _likely(own: Sequence[PlaceMotion]) -> list[PlaceMotion]:
     """The free motions of a place about its likely axes."""
     free = [e for e in own if not e.law.by]
     best = max(e.evidence for e in own)
