@@ -67,7 +67,7 @@ docs: $(DOCUMENTED)  ## build the site into build/site, with no warning
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 	@echo "build/site/index.html"
 
-pictures: $(DOCUMENTED)  ## remake the pages' pictures; the terminal at 80 and 120 columns into build/pictures
+pictures: $(TESTED) $(DOCUMENTED)  ## remake the pages' pictures; the terminal at 80 and 100 columns into build/pictures
 	@$(BIN)/python docs/make_pictures.py
 
 bench: $(BENCHED)  ## measure against Pinocchio, cvxpy, FIGAROH and the memory: docs/performance.md, half an hour

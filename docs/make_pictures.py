@@ -106,7 +106,7 @@ def measuring_day(images: Path) -> None:
     """The page of a day whose last state is to be looked at again."""
     example = HERE.parent / "examples" / "day"
     with tempfile.TemporaryDirectory() as name:
-        day = ["day", str(example / "experiment.yaml"), str(example / "plan.csv"), "-o", name]
+        day = ["day", str(example / "experiment.yaml"), str(example / "plan.csv"), "-o", f"{name}/day"]
         day += ["--cycles", "1", "--no-half", "--repeat-share", "0"]
         qsf(*day, "--watch", str(example / "exports"), "--once")
         command = [str(Path(sys.executable).with_name("qsf")), *day, "--port", "0"]
@@ -249,7 +249,7 @@ def main(images: Path = HERE / "images") -> None:
 
 
 if __name__ == "__main__":
-    for width in (80, 120):
+    for width in (80, 100):
         terminal(HERE.parent / "build" / "pictures", width)
     every_page(HERE.parent / "build" / "pictures")
     main()
