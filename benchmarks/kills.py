@@ -1,4 +1,4 @@
-"""Kill -9 at 100 random moments, over all commands that write: the record in docs/robustness.md.
+"""Kill -9 at 100 random moments, over all commands that write: the record in docs/results.md.
 
     python benchmarks/kills.py                # go on where the last run stopped, then write the record
     python benchmarks/kills.py --renew        # try again what another commit was tried with

@@ -103,7 +103,7 @@ def table(count: int, seed: int) -> str:
     lines = [
         "| plan | sds of step one, largest / smallest | noise, % | one-step: RMS error, % | weighted / one-step "
         "| unweighted / one-step | linear / one-step |",
-        "|---|--:|--:|---|---|---|---|",
+        "|---|---|---|---|---|---|---|",
     ]
     for plan in PLANS:
         for noise in NOISE:
