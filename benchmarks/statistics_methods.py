@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parent / "paper"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "docs" / "paper"))
 from paper_steps import planar_rows, step_one_covariance, stiffness_rows
 
 from qsframework.information.two_step import step_two, stiffness_covariance
