@@ -71,8 +71,8 @@ def _words(parameter: Any) -> str:
     value = parameter.default
     if value not in (None, False, "", (), []) and not callable(value) and not parameter.required:
         words.append(f"Default: {value}.")
-    if getattr(parameter, "multiple", False):
-        words.append("May be given more than once.")
+    if getattr(parameter, "multiple", False) and "(repeat" not in words[0]:
+        words.append("Repeatable.")
     return _escaped(" ".join(w for w in words if w))
 
 
