@@ -70,7 +70,7 @@ docs: $(DOCUMENTED)  ## build the site into build/site, with no warning
 pictures: $(TESTED) $(DOCUMENTED)  ## remake the pages' pictures; the terminal at 80 and 100 columns into build/pictures
 	@$(BIN)/python docs/make_pictures.py
 
-bench: $(BENCHED)  ## measure against Pinocchio, cvxpy, FIGAROH and the memory: docs/performance.md, half an hour
+bench: $(BENCHED)  ## measure against Pinocchio, cvxpy, FIGAROH and the memory: docs/results.md, half an hour
 	@for script in $(BENCHMARKS); do echo "benchmarks/$$script.py"; $(BIN)/python benchmarks/$$script.py --write; done
 
 $(TESTED) $(DOCUMENTED) $(BENCHED) $(AUDITED): $(VENV)/%-installed: $(DONE)

@@ -246,7 +246,7 @@ def main() -> None:
     parser.add_argument("--environment", action="store_true", help="an environment of its own for the older tree")
     parser.add_argument("--json", type=Path, help="write all runs to this file")
     parser.add_argument("--quick", action="store_true", help="one run, a tenth of the poses")
-    parser.add_argument("--write", action="store_true", help="write the table to docs/performance.md")
+    parser.add_argument("--write", action="store_true", help="write the table to docs/results.md")
     given = parser.parse_args()
     jobs, runs, poses = picked(given.jobs), 1 if given.quick else given.runs, POSES // 10 if given.quick else POSES
     FOLDER.mkdir(parents=True, exist_ok=True)

@@ -19,7 +19,7 @@ worse, so look at the changed answers, which are listed in any case. With learni
 
 `--record` writes what was found into bands.json: refused where a line is worse; answers of all cases that ran, and the
 rate of a quantity that is better where it was counted on as many units as on record. `--draw` makes the sample anew,
-with the answers of this code, and the rates of quantities that docs/diagnosis.md does not state.
+with the answers of this code, and the rates of quantities that docs/results.md does not state.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The cases and goal quantities that `bands.py` holds a new state of the code to: those of the record of the diagnosis.
 
 Every case is one of the record, with its seed, so that its answer can be compared with the answer that is on record.
-A quantity counts hits of units in each case, by the same functions that score `docs/diagnosis.md`: mostly one unit, a
+A quantity counts hits of units in each case, by the same functions that score `docs/results.md`: mostly one unit, a
 case; on clean days each state is one.
 """
 

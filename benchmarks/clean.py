@@ -285,7 +285,7 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--json", type=Path, help="write all answers to this file")
     parser.add_argument("--quick", action="store_true", help="five seeds")
-    parser.add_argument("--write", action="store_true", help="write the table to docs/performance.md")
+    parser.add_argument("--write", action="store_true", help="write the table to docs/results.md")
     given = parser.parse_args()
     robots, seeds = given.robots.split(","), 5 if given.quick else given.seeds
     unknown = [name for name in robots if name not in ROBOTS]

@@ -1,7 +1,7 @@
-"""What the benchmarks share: clocks, tables, and the page docs/performance.md.
+"""What the benchmarks share: clocks, tables, and the page docs/results.md.
 
-Each script writes its own section of the page, between two marks, with its command, the date and the machine; a
-script that stops half-way leaves the page as it was.
+Each script writes its own section of the page, between two marks, with its command, the date and the machine, and its
+tables as files in docs/records; a script that stops half-way leaves the page as it was.
 """
 
 from __future__ import annotations
@@ -26,8 +26,9 @@ from qsframework.files import write_text
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
-PAGE = ROOT / "docs" / "performance.md"
+PAGE = ROOT / "docs" / "results.md"
 RECORDS = ROOT / "docs" / "records"
+MADE = ("section", "command", "date", "runs", "machine")
 RUNS = 5
 THREADS = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
@@ -127,9 +128,9 @@ def replace_between(page: Path, start: str, end: str, text: str) -> None:
     write_text(page, f"{before}{start}\n{text}\n{end}{after}")
 
 
-def shelved(text: str, name: str) -> str:
+def shelved(text: str, name: str, goals: bool = True) -> str:
     """A record with its tables as files docs/records/NAME*.csv beside the page: here stay the words, the rows that have
-    a goal, and links to the files."""
+    a goal unless goals is False, and links to the files."""
     title, links, kept = "", list[str](), list[str]()
     for block in text.split("\n\n"):
         lines = block.splitlines()
@@ -137,12 +138,12 @@ def shelved(text: str, name: str) -> str:
             title = lines[0].lstrip("# ")
         elif lines and lines[0].startswith("|"):
             rows = [line[2:-2].split(" | ") for line in lines if not line.startswith("|---")]
-            if "goal" in rows[0]:
+            if goals and "goal" in rows[0]:
                 kept.append(_of_goals(rows))
-            links.append(f"[{title or 'all'}, by {rows[0][0]}]({_shelf(rows, name, title)})")
+            links.append(f"[{title or name.split()[-1]}, by {rows[0][0]}]({_shelf(rows, name, title)})")
         else:
             kept.append(block)
-    return "\n\n".join([*kept, f"Raw tables: {'; '.join(links)}."])
+    return "\n\n".join([*kept, *([f"Raw tables: {'; '.join(links)}."] if links else [])])
 
 
 def _of_goals(rows: Sequence[Sequence[str]]) -> str:
@@ -150,7 +151,9 @@ def _of_goals(rows: Sequence[Sequence[str]]) -> str:
     shown = [k for k, name in enumerate(rows[0]) if name != "cases"]
     goal = rows[0].index("goal")
     names = {row[0] for row in rows}
-    kept = [row for row in rows[1:] if row[goal] != "-" and (_whole(row[0]) == row[0] or _whole(row[0]) not in names)]
+    kept = [
+        row for row in rows[1:] if row[goal].strip("- ") and (_whole(row[0]) == row[0] or _whole(row[0]) not in names)
+    ]
     return table([rows[0][k] for k in shown], ([row[k] for k in shown] for row in kept))
 
 
@@ -163,18 +166,26 @@ def _shelf(rows: Sequence[Sequence[str]], name: str, title: str) -> str:
     """Write one table; its address, as docs/*.md link to it."""
     words = re.findall(r"[a-z0-9]+", f"{name} {title.partition(':')[0]} by {rows[0][0]}".lower())
     file = RECORDS / f"{'-'.join(words)}.csv"
+    _write_rows(file, rows)
+    return f"{RECORDS.name}/{file.name}"
+
+
+def _write_rows(file: Path, rows: Iterable[Sequence[str]]) -> None:
     file.parent.mkdir(exist_ok=True)
     out = io.StringIO()
     csv.writer(out, lineterminator="\n").writerows(rows)
     write_text(file, out.getvalue())
-    return f"{RECORDS.name}/{file.name}"
 
 
 def write_section(name: str, text: str, command: str, runs: int | None = RUNS) -> None:
-    """Put a section between its marks on the page, with the command, the date and the machine; runs None: counts."""
-    medians = "" if runs is None else f", medians of {runs} runs"
-    made = f"`{command}`, {date.today().isoformat()}{medians}; {machine()}."
-    replace_between(PAGE, f"<!-- {name} -->", f"<!-- end of {name} -->", f"{text}\n\n{made}")
+    """Put a section between its marks on the page, and into docs/records/made.csv its command, the date, the runs whose
+    medians it holds (None: counts) and the machine."""
+    replace_between(PAGE, f"<!-- {name} -->", f"<!-- end of {name} -->", shelved(text, f"performance {name}", False))
+    file = RECORDS / "made.csv"
+    rows = list(csv.reader(file.read_text().splitlines())) if file.is_file() else [list(MADE)]
+    rows = [row for row in rows if row[0] != name]
+    rows.append([name, command, date.today().isoformat(), "" if runs is None else str(runs), machine()])
+    _write_rows(file, [rows[0], *sorted(rows[1:])])
 
 
 def show(name: str, text: str, write: bool, quick: bool, runs: int | None = RUNS) -> None:

@@ -3,7 +3,7 @@
 
 Run: python benchmarks/design.py [--quick] [--write]. Times are CPU seconds, medians of RUNS; a pass is the scoring of
 all candidates once. Every job runs in a process of its own, so that its peak memory is its own. --write puts the
-tables into docs/performance.md. FIGAROH is asked where it is installed (QSF_FIGAROH_PYTHON names its interpreter).
+tables into docs/results.md. FIGAROH is asked where it is installed (QSF_FIGAROH_PYTHON names its interpreter).
 """
 
 from __future__ import annotations
@@ -342,16 +342,14 @@ def relaxed_table(quick: bool) -> str:
 def large_text(quick: bool) -> str:
     """1e7 candidates, from a file and from a generator."""
     count = 1_000_000 if quick else 10_000_000
-    lines = []
-    for name, where in (("mapped", "rows in a mapped file"), ("made", "rows from a generator, made anew in each pass")):
+    rows = []
+    for name, where in (("mapped", "in a mapped file"), ("made", "from a generator, made anew in each pass")):
         r = run(name, count, 9)
-        each = f" of {r['pass']:.2f} s" if "pass" in r else ""
-        lines.append(
-            f"D, {count:.0e} candidates, 9 parameters, {where}: {r['seconds']:.1f} s CPU, {r['wall']:.1f} s by the "
-            f"clock, {r['passes']:.2f} passes{each}, 1 - certified {r['gap']:.0e}, peak resident memory "
-            f"{r['memory']:.0f} MB."
-        )
-    return "\n\n".join(lines)
+        each = f"{r['pass']:.2f}" if "pass" in r else "-"
+        measured = (f"{r['seconds']:.1f}", f"{r['wall']:.1f}", f"{r['passes']:.2f}", each, f"{r['gap']:.0e}")
+        rows.append((where, "D", f"{count:.0e}", "9", *measured, f"{r['memory']:.0f}"))
+    head = ("rows", "criterion", "candidates", "parameters", "CPU s", "clock s", "passes", "one pass, CPU s")
+    return table([*head, "1 - certified", "peak memory, MB"], rows)
 
 
 def exact_table(quick: bool) -> str:
@@ -425,7 +423,7 @@ def figaroh_table(quick: bool) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="a tenth of the size, one run")
-    parser.add_argument("--write", action="store_true", help="write docs/performance.md")
+    parser.add_argument("--write", action="store_true", help="write docs/results.md")
     parser.add_argument("--job", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.job:
@@ -437,6 +435,7 @@ def main() -> None:
     parts = [
         "### Relaxed designs",
         relaxed_table(given.quick),
+        "### Ten million candidates",
         large_text(given.quick),
         f"Rows of {size} candidates with 20 parameters, geometry included: {seconds:.2f} s CPU (goal for 1e6: 4 s).",
         "### Exact plans",

@@ -1,4 +1,4 @@
-"""What the diagnosis finds of effects that were hidden from it: `docs/diagnosis.md` holds the tables.
+"""What the diagnosis finds of effects that were hidden from it: `docs/results.md` holds the tables.
 
     python benchmarks/diagnosis.py [--quick] [--seeds 12] [--cases nulls,effects,...] [--out cases.jsonl] [--write]
 
@@ -37,7 +37,7 @@ from threadpoolctl import threadpool_limits
 from qsframework.files import write_text
 
 HERE = Path(__file__).resolve().parent
-PAGE = HERE.parent / "docs" / "diagnosis.md"
+PAGE = HERE.parent / "docs" / "results.md"
 SIZES = (4.0, 4.5, 6.0, 8.0, 12.0, 40.0)
 PAIRED = (
     "joint_hardening",
@@ -651,14 +651,12 @@ def troubles(results: Sequence[Result]) -> str:
     count = Counter(r["outcome"] for r in results)
     kinds = Counter(r["kind"] for r in results if r["outcome"] == "unreachable")
     lines = ["Outcomes: " + ", ".join(f"{n} {o}" for o, n in count.most_common()) + "."]
-    if kinds:
-        lines.append(
-            "No place of these effects reaches the wanted s within ten times its typical size: "
-            + ", ".join(f"{k} ({n})" for k, n in sorted(kinds.items()))
-            + "."
-        )
     lines += [f"- {r['id']}: {r['error']}" for r in results if r["outcome"] == "failed"][:20]
-    return "\n".join(lines)
+    if not kinds:
+        return "\n".join(lines)
+    out = table(("effect", "cases"), sorted(kinds.items()))
+    title = "### Out of reach within ten times the typical size"
+    return "\n".join(lines) + f"\n\n{title}\n\n{out}"
 
 
 def report(results: Sequence[Result]) -> str:
@@ -684,7 +682,7 @@ def report(results: Sequence[Result]) -> str:
 
 
 def write_page(text: str, command: str, results: Sequence[Result], mark: str) -> None:
-    """Put the results between their marks of docs/diagnosis.md, and the raw tables beside the page."""
+    """Put the results between their marks of docs/results.md, and the raw tables beside the page."""
     versions = ", ".join(sorted({r["code"] for r in results}))
     when = f"{command}; {date.today().isoformat()}; {cores()}; code {versions} (a hash of the sources)."
     record = f"{when}\n\n{shelved(text, f'diagnosis {mark}')}"
@@ -705,7 +703,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--any-code", action="store_true", help="keep results of other versions of the code")
     parser.add_argument("--score", action="store_true", help="score the checkpoint without running")
-    parser.add_argument("--write", action="store_true", help="write the tables to docs/diagnosis.md")
+    parser.add_argument("--write", action="store_true", help="write the tables to docs/results.md")
     given = parser.parse_args()
     seeds = 1 if given.quick else given.seeds
     asked = given.cases.split(",")

@@ -1,4 +1,4 @@
-"""The four pictures of docs/diagnosis.md, from the tables in docs/records: python benchmarks/draw_records.py"""
+"""The four pictures of docs/results.md, from the tables in docs/records: python benchmarks/draw_records.py"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The long runs of spoiled files, 100,000 of them, and of whole commands, 30,000: records in docs/robustness.md.
+"""The long runs of spoiled files, 100,000 of them, and of whole commands, 30,000: records in docs/results.md.
 
     python benchmarks/fuzz.py                 # go on where the last run stopped, then write the records
     python benchmarks/fuzz.py commands        # only the commands, or only the files
@@ -78,7 +78,7 @@ FIRST_SEED = 1_000_000
 """Away from the seeds of the tests."""
 CHUNK = 100
 MEMORY = 4 * 1024**3
-STATE, PAGE = ROOT / "build" / "fuzz.jsonl", ROOT / "docs" / "robustness.md"
+STATE, PAGE = ROOT / "build" / "fuzz.jsonl", ROOT / "docs" / "results.md"
 START, STOP = "<!-- record of benchmarks/fuzz.py -->", "<!-- end of the record -->"
 START_COMMANDS, STOP_COMMANDS = "<!-- record of commands -->", "<!-- end of the record of commands -->"
 Goods = list[fuzzing.Good] | command_lines.Commands

@@ -145,7 +145,7 @@ def main() -> None:
     parser.add_argument("--model", choices=list(MODELS), default="structural")
     parser.add_argument("--seeds", type=int, default=5, help="random halves; at least five are written")
     parser.add_argument("--out", type=Path)
-    parser.add_argument("--write", action="store_true", help="write the table to docs/performance.md")
+    parser.add_argument("--write", action="store_true", help="write the table to docs/results.md")
     given = parser.parse_args()
     if given.job == "one":
         print(json.dumps(one(given.series, given.seed, given.model)))

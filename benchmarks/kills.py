@@ -1,4 +1,4 @@
-"""Kill -9 at 100 random moments, over all commands that write: the record in docs/robustness.md.
+"""Kill -9 at 100 random moments, over all commands that write: the record in docs/results.md.
 
     python benchmarks/kills.py                # go on where the last run stopped, then write the record
     python benchmarks/kills.py --renew        # try again what another commit was tried with
@@ -124,7 +124,7 @@ def record_of_days(found: list[tuple[str, int, list[str]]]) -> Iterator[str]:
     yield f"`python benchmarks/kills.py --days`, {date.today()}, commit {head()}; {processor()}."
     yield ""
     yield "| what | how often | faults |"
-    yield "|---|---:|---:|"
+    yield "|---|---|---|"
     yield from (f"| {what} | {count:,} | {len(faults)} |" for what, count, faults in found)
 
 
@@ -137,7 +137,8 @@ def main() -> int:
     options = parser.parse_args()
     if options.days:
         befallen = [one for one in days() if print(*one, flush=True) is None]
-        replace_between(PAGE, START_DAYS, STOP_DAYS, "\n" + "\n".join(record_of_days(befallen)) + "\n")
+        text = shelved("\n".join(record_of_days(befallen)), "robustness days")
+        replace_between(PAGE, START_DAYS, STOP_DAYS, f"\n{text}\n")
         return 1 if any(faults for _, _, faults in befallen) else 0
     found = run(options.kills, options.renew)
     text = "\n".join(record(found))

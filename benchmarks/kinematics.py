@@ -147,7 +147,7 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--quick", action="store_true", help="a tenth of the poses, one run")
-    parser.add_argument("--write", action="store_true", help="write the table to docs/performance.md")
+    parser.add_argument("--write", action="store_true", help="write the table to docs/results.md")
     given = parser.parse_args()
     text = tables(100_000 if given.quick else 1_000_000, 1 if given.quick else RUNS)
     show("kinematics", text, given.write, given.quick)

@@ -2,7 +2,7 @@
 """Plans of positions: predicted uncertainties against Monte Carlo, against FIGAROH and random, and what they cost.
 
     python benchmarks/positions.py            # print
-    python benchmarks/positions.py --write    # and put it into docs/performance.md
+    python benchmarks/positions.py --write    # and put it into docs/results.md
     python benchmarks/positions.py --quick    # smaller
 
 FIGAROH is asked where it is installed (QSF_FIGAROH_PYTHON names its interpreter). The Monte Carlo refits every draw of

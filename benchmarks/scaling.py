@@ -4,7 +4,7 @@
     python benchmarks/scaling.py [--quick] [--write]
 
 CPU seconds, one thread, medians; the sizes of one curve take turns. A slope is fitted to the upper half of a curve:
-1 means twice the cost for twice the size. --write puts the table into docs/performance.md and draws
+1 means twice the cost for twice the size. --write puts the table into docs/results.md and draws
 docs/images/scaling.svg.
 """
 
@@ -203,7 +203,7 @@ def main() -> None:
     """Measure all curves, print their slopes."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="a tenth of the size, one run")
-    parser.add_argument("--write", action="store_true", help="write docs/performance.md and the picture")
+    parser.add_argument("--write", action="store_true", help="write docs/results.md and the picture")
     given = parser.parse_args()
     measured = [c.measure(1 if given.quick else RUNS) for c in curves(given.quick)]
     rows = [

@@ -1,4 +1,4 @@
-"""What large files cost: 10,000 markers, 200,000 rows, lines of 10 MB. Prints the table of docs/robustness.md.
+"""What large files cost: 10,000 markers, 200,000 rows, lines of 10 MB. Prints the table of docs/results.md.
 
     python benchmarks/sizes.py             # try all, and write the record
     python benchmarks/sizes.py --look      # print it only

@@ -136,7 +136,7 @@ def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="one run")
-    parser.add_argument("--write", action="store_true", help="write the tables to docs/performance.md")
+    parser.add_argument("--write", action="store_true", help="write the tables to docs/results.md")
     given = parser.parse_args()
     if shutil.which(QSF) is None:
         raise SystemExit(f"{QSF} is not there: install qsframework into this environment")

@@ -1,4 +1,4 @@
-"""What the screening says of mistakes in the table: `docs/diagnosis.md` holds the answers.
+"""What the screening says of mistakes in the table: `docs/results.md` holds the answers.
 
     python benchmarks/table_mistakes.py [--seeds 10] [--kinds angle,force,...] [--clean 300] [--whole 2] [--write]
 
@@ -35,7 +35,7 @@ from qsframework.experiment import Experiment, Readings, load_experiment, read_r
 from qsframework.plugin import Indices
 from qsframework.screening import Mistake, find_mistakes
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "diagnosis.md"
+PAGE = Path(__file__).resolve().parent.parent / "docs" / "results.md"
 PLAIN = 8.0
 Both = tuple[Visits, Visits]
 Tables = list[Array]
@@ -654,7 +654,7 @@ def main() -> None:
     parser.add_argument("--kinds", default="", help="parts of the names of kinds, comma between")
     parser.add_argument("--clean", type=int, default=0, help="campaigns without a mistake")
     parser.add_argument("--whole", type=int, default=0, help="cases of each kind by the whole diagnosis")
-    parser.add_argument("--write", action="store_true", help="write the tables to docs/diagnosis.md")
+    parser.add_argument("--write", action="store_true", help="write the tables to docs/results.md")
     given = parser.parse_args()
     parts = [p for p in given.kinds.split(",") if p]
     answers: list[Answer] = []

@@ -17,7 +17,7 @@ column; another number where the work itself failed, with its reason.
 
 
 SHARED = 3
-"""From so many commands on, an option with the same words stands once, at the top."""
+"""From so many commands on, an option or argument with the same words stands once, at the top."""
 
 
 def page() -> str:
@@ -25,9 +25,10 @@ def page() -> str:
     from qsframework.cli.main import app
 
     group: Any = typer.main.get_command(app)
-    counts = Counter(_row(p) for command in group.commands.values() for p in _options(command))
+    commands = group.commands.values()
+    counts = Counter(row for command in commands for row in (*_asked(command), *map(_row, _options(command))))
     shared = [row for row, count in counts.items() if count >= SHARED]
-    head = HEAD + f"\n## Options of many commands\n\n{_list(shared)}"
+    head = HEAD + f"\n## What several commands share\n\n{_list(shared)}"
     return head + "".join(_section(name, command, shared) for name, command in group.commands.items())
 
 
@@ -44,15 +45,19 @@ def _list(rows: list[tuple[str, str]]) -> str:
 
 
 def _section(name: str, command: Any, shared: list[tuple[str, str]]) -> str:
-    asked = [p for p in command.params if p.param_type_name == "argument"]
-    usage = " ".join(["qsf", name, *(_argument(p) for p in asked)])
-    rows = [_row(p) for p in _options(command)]
-    own = [*((f"`{_argument(p)}`", _words(p)) for p in asked), *(row for row in rows if row not in shared)]
+    asked, rows = _asked(command), [_row(p) for p in _options(command)]
+    usage = " ".join(["qsf", name, *(left.strip("`") for left, _ in asked)])
+    own = [row for row in (*asked, *rows) if row not in shared]
     listed = f"\n{_list(own)}" if own else ""
     also = ", ".join(left for left, right in rows if (left, right) in shared)
     more = f"\nAlso {also}.\n" if also else ""
     doc = " ".join((command.help or "").split())
     return f"\n## `qsf {name}`\n\n{_escaped(doc)}\n\n```\n{usage}\n```\n{listed}{more}"
+
+
+def _asked(command: Any) -> list[tuple[str, str]]:
+    """The arguments with their words."""
+    return [(f"`{_argument(p)}`", _words(p)) for p in command.params if p.param_type_name == "argument"]
 
 
 def _argument(parameter: Any) -> str:
@@ -66,8 +71,8 @@ def _words(parameter: Any) -> str:
     value = parameter.default
     if value not in (None, False, "", (), []) and not callable(value) and not parameter.required:
         words.append(f"Default: {value}.")
-    if getattr(parameter, "multiple", False):
-        words.append("May be given more than once.")
+    if getattr(parameter, "multiple", False) and "(repeat" not in words[0]:
+        words.append("Repeatable.")
     return _escaped(" ".join(w for w in words if w))
 
 

@@ -52,7 +52,7 @@ PACKAGES: dict[str, tuple[str, ...]] = {
     "qsframework.viz": ("Scene", "residual_scene", "show_scene"),
 }
 """What a user may import: of each package the names given here, or all of its `__all__`. All else may change."""
-HEAD = """# Every public Python name of qsframework with its signature; docs/versions.md says what that promises.
+HEAD = """# Every public Python name of qsframework with its signature; docs/api.md says what a release may change.
 # Made by `python docs/make_public_api.py`; a change of this list is told in CHANGELOG.md.
 """
 

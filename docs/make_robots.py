@@ -1,13 +1,14 @@
-"""Write docs/robots.md, all robots of the repository and what their conformance runs found: python docs/make_robots.py
+"""Write docs/robots.md and docs/records/robots-conformance.csv, what their conformance runs found: make_robots.py
 
 About two minutes. The times are those of the machine that runs it; everything else is the same anywhere.
 """
 
 from __future__ import annotations
 
+import csv
+import io
 import re
 import time
-from datetime import date
 from pathlib import Path
 
 from qsframework.applications.conformance import STEPS, GravityCheck, check_robot
@@ -15,6 +16,7 @@ from qsframework.robot import Robot, load_robot
 
 DOCS = Path(__file__).parent
 PAGE = DOCS / "robots.md"
+RUNS = DOCS / "records" / "robots-conformance.csv"
 FOLDER = DOCS.parent / "robots"
 _PLAIN = ("joint_compliance",)
 HEAD = """# The robots
@@ -23,7 +25,7 @@ Each is a folder under `robots/` with `robot.yaml`, a URDF written anew with sim
 that states the source of every number. What no source states is assumed and marked so: most stiffnesses, all masses of
 FANUC's and KUKA's links. A plan made with assumed values is still good, for the optimal poses hardly depend on them; a
 prediction made with them is no better than they are. [Add yours](add-a-robot.md).
-Each below holds a weight with a side pull; what it gives is drawn larger.
+Each below holds a weight with a side pull; the deflection is exaggerated.
 
 """
 MIDDLE = """
@@ -35,7 +37,7 @@ for the robot or for one of its family, as the README says.
 `qsf check ROBOT --conformance` tries a robot with everything: kinematics and holding torques against Pinocchio, a load
 that does work on what it bends, all derivatives against finite differences, and a campaign in small, of eight poses
 under two loads: designed, simulated, identified (largest error in sd of the fit), diagnosed with nothing hidden.
-
+[All runs](records/robots-conformance.csv) held.
 """
 
 
@@ -61,13 +63,13 @@ def robots_table(loaded: list[Robot]) -> str:
 
 def pictures_table(loaded: list[Robot]) -> str:
     """Each robot under a load, two in a row; `make pictures` draws them."""
-    cells = [f"![{r.title}](images/{r.name}.png) {r.title}" for r in loaded]
+    cells = [f"![{r.name}](images/{r.name}.png) {r.title}" for r in loaded]
     cells += [""] * (len(cells) % 2)
     rows = [f"| {one} | {other} |" for one, other in zip(cells[::2], cells[1::2], strict=True)]
     return "\n".join(["| | |", "|---|---|", *rows]) + "\n\n"
 
 
-def run_row(name: str, checks: tuple[GravityCheck, ...], seconds: float) -> str:
+def run_row(name: str, checks: tuple[GravityCheck, ...], seconds: float) -> tuple[str, ...]:
     """One robot's run."""
     words = {c.name: c.words for c in checks}
 
@@ -75,8 +77,8 @@ def run_row(name: str, checks: tuple[GravityCheck, ...], seconds: float) -> str:
         match = re.search(pattern, words[step])
         return match[1] if match else words[step]
 
-    cells = (
-        f"`{name}`",
+    return (
+        name,
         f"{sum(c.good for c in checks)} of {len(STEPS)}",
         found("kinematics", r"(\S+ m) from Pinocchio"),
         found("gravity", r"within (\S+)"),
@@ -85,20 +87,26 @@ def run_row(name: str, checks: tuple[GravityCheck, ...], seconds: float) -> str:
         found("diagnose", r"end: (\w+)"),
         f"{seconds:.0f} s",
     )
-    return "| " + " | ".join(cells) + " |"
 
 
 def runs_table(loaded: list[Robot]) -> str:
     """What each conformance run found, and how long it took."""
-    lines = ["| robot | held | kinematics | torques | deflection, median | worst error | diagnosis | time |"]
-    lines.append("|---|---|---|---|---|---|---|---|")
+    rows = [("robot", "held", "kinematics", "torques", "deflection, median", "worst error", "diagnosis", "time")]
     for r in loaded:
         start = time.perf_counter()
         checks = check_robot(r)
-        lines.append(run_row(r.name, checks, time.perf_counter() - start))
-    return "\n".join(lines) + f"\n\n{date.today()}, two cores shared with other work, Python 3.11.\n"
+        rows.append(run_row(r.name, checks, time.perf_counter() - start))
+    out = io.StringIO()
+    csv.writer(out, lineterminator="\n").writerows(rows)
+    return out.getvalue()
+
+
+def page(loaded: list[Robot]) -> str:
+    """The page."""
+    return HEAD + pictures_table(loaded) + robots_table(loaded) + MIDDLE
 
 
 if __name__ == "__main__":
     found = robots()
-    PAGE.write_text(HEAD + pictures_table(found) + robots_table(found) + MIDDLE + runs_table(found))
+    PAGE.write_text(page(found))
+    RUNS.write_text(runs_table(found))

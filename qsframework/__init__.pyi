@@ -7,6 +7,7 @@ from .applications.programme import make_programme as make_programme
 from .applications.protocol import make_protocol
 from .applications.stiffness import stiffness_at
 from .applications.targets import joint_targets as joint_targets, read_targets as read_targets
+from .applications.task import load_task as load_task
 from .design import design as design
 from .diagnose import diagnose as diagnose
 from .discriminate import follow_up as follow_up

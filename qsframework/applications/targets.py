@@ -22,12 +22,14 @@ from qsframework.experiment import Experiment
 from qsframework.experiment.columns import Column, Table, read_table
 from qsframework.experiment.plan import joint_columns
 from qsframework.experiment.readings_table import no_load
+from qsframework.files.documents import nearest_file
 from qsframework.plugin import Array
 from qsframework.plugin.facts import frozen
 
 _XYZ, _TURNS = ("x", "y", "z"), ("rx", "ry", "rz")
 _QUATERNION = ("quat_w", "quat_x", "quat_y", "quat_z")
 _WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
+_TABLE = "Targets are joint angles q1_deg, ... or x_mm, y_mm, z_mm with rx_deg, ry_deg, rz_deg; and fx_N, fy_N, fz_N."
 Tell = Callable[[str, int, int], None]
 _SEED = 0
 """Random starts of the search are the same at every run."""
@@ -81,6 +83,8 @@ def read_targets(path: str | Path, experiment: Experiment, tell: Tell | None = N
     InputError with all its problems, each with row and column.
     """
     path, robot = Path(path), experiment.robot
+    if not path.exists():
+        raise InputError(Problem("no such file", file=str(path), hint=f"{nearest_file(path) or ''} {_TABLE}".strip()))
     table = read_table(path, _columns(experiment), robot.name)
     if any(table.numbers.get(c, np.zeros(1)).any() for c in _WRENCH):
         no_load(table, experiment)
@@ -138,8 +142,7 @@ def _complete(table: Table, joints: list[str], cartesian: bool) -> None:
     if any(s in given for s in _TURNS) and any(s in given for s in _QUATERNION):
         raise InputError(Problem("the rotation is given twice", str(table.path), allowed="angles or a quaternion"))
     if missing:
-        hint = "Targets are joint angles q1_deg, ... or x_mm, y_mm, z_mm with rx_deg, ry_deg, rz_deg."
-        raise InputError(Problem(f"missing: {', '.join(missing)}", str(table.path), hint=hint))
+        raise InputError(Problem(f"missing: {', '.join(missing)}", str(table.path), hint=_TABLE))
 
 
 def _poses(table: Table, problems: list[Problem]) -> TipPose:
@@ -204,7 +207,10 @@ def _joints(
         if not found.reached:
             message = f"target {names[i]!r}: no joint angles within the limits put the load point there"
             near = f"{found.away * 1e3:.1f} mm and {np.rad2deg(found.turned):.2f} deg away at the nearest"
-            hint = "Move the target closer, turn the tool, or give joint angles to start from."
+            there = rigid_tip(robot, experiment.load_site, robot.controller.to_joints(found.pendant[None]))
+            turns = ", ".join(f"{angle:.2f}" for angle in np.rad2deg(flange_pose(there)[1][0]) + 0.0)
+            hint = f"There rx_deg, ry_deg, rz_deg are {turns}. "
+            hint += "Move the target closer, turn the tool, or give joint angles to start from."
             problems.append(Problem(message, str(table.path), table.rows[i], found=near, hint=hint))
         else:
             last = found.pendant

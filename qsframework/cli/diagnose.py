@@ -139,7 +139,7 @@ def _write(
         print(
             f"next: {'' if told else 'correct the readings, then '}qsf identify {extended}{'' if told else ' READINGS'}"
         )
-    elif found.account.positions:
+    else:
         again = " ".join(["qsf diagnose", *map(str, (files.experiment, *files.data)), "--extend extended"])
         corrected = f"qsf compensate {files.experiment} fit.json targets.csv, with the fit that identify --json wrote"
         print(f"next: {again if found.sure else corrected}")

@@ -83,9 +83,8 @@ def run_identify(files: FitFiles, fit: list[str] | None, options: FitOptions, cl
         from qsframework.report.results import report
 
         print(f"report: {report(result, files.report, experiment, readings, files=inputs, before=other)}")
-    if result.account.positions:
-        kept = "" if files.json is not None else "keep the fit with --json fit.json, then "
-        print(f"next: {kept}{' '.join(['qsf diagnose', *map(str, (files.experiment, *files.data))])}")
+    kept = "" if files.json is not None else "keep the fit with --json fit.json, then "
+    print(f"next: {kept}{' '.join(['qsf diagnose', *map(str, (files.experiment, *files.data))])}")
 
 
 def _asked(experiment: Experiment, fit: list[str] | None) -> Experiment:

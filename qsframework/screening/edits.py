@@ -51,7 +51,7 @@ class Group:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Edit:
-    """Other cells at some rows. kind: as `docs/diagnosis.md` lists them; slip: what happened, if it is known.
+    """Other cells at some rows. kind: as `docs/diagnose.md` lists them; slip: what happened, if it is known.
 
     rows (k,), states (s,): of the readings; pendant (s, m) rad, wrench (s, 6), value (k, 3) m: what they become;
     free: numbers that were fitted to the readings; masked: the rows tell nothing any more; column: its name in the

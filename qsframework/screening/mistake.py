@@ -26,7 +26,7 @@ class Moved:
 class Mistake:
     """What is wrong with a table or with how it was read: another reading of it, applied and refitted, or single rows.
 
-    name: the parameter of a joint's shown angle, `joint_sign[joint_2]` or another kind of docs/diagnosis.md, of single
+    name: the parameter of a joint's shown angle, `joint_sign[joint_2]` or another kind of docs/diagnose.md, of single
     rows with their pose; or a structure, such as `loop absent: parallelogram[joint_3]`
     value: what a coupling is fixed at, the factor of a unit, else 1
     experiment, readings: with it applied

@@ -108,12 +108,17 @@ def test_there_are_sixty_programmes_of_four_languages() -> None:
     assert sorted(COUNTS) == LISTINGS
 
 
-def test_the_page_has_the_sums() -> None:
-    page = (FOLDER.parents[2] / "docs" / "robustness.md").read_text()
-    for ending in (".ls", ".src", ".mod", ".script", ""):
+def test_the_record_has_the_sums() -> None:
+    docs = FOLDER.parents[2] / "docs"
+    told = list(csv.reader((docs / "records" / "robustness-programmes-by-language.csv").read_text().splitlines()))[1:]
+    for row, ending in zip(told, (".ls", ".src", ".mod", ".script", ""), strict=True):
         own = [row for name, row in COUNTS.items() if name.endswith(ending)]
         sums = [sum(int(row[k]) for row in own) for k in ("motions", "corrected", "kept", "refused")]
-        assert f"| {len(own)} | {' | '.join(map(str, sums))} | 0 |\n" in page
+        assert row[1:] == [str(len(own)), *map(str, sums), "0"]
+    _, number, motions, corrected, kept, refused, _ = told[-1]
+    page = (docs / "results.md").read_text()
+    assert f"{number} programmes in the structure" in page
+    assert f"Of {motions} motions {corrected} are corrected, {kept} kept, {refused} refused, none" in page
 
 
 @pytest.mark.parametrize("name", LISTINGS)

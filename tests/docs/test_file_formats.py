@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import make_file_formats as formats
@@ -18,15 +19,45 @@ def test_the_page_is_current(root: Path) -> None:
     assert formats.page() == page, "run: python docs/make_file_formats.py"
 
 
-def test_every_key_has_its_unit_and_its_line(root: Path) -> None:
+def cells(section: str) -> dict[str, list[str]]:
+    """The cells beside each key of a section's table, by the key."""
+    head, _, *lines = [line[1:-1].split("|") for line in section.splitlines() if line.startswith("|")]
+    names = [name.strip() for name in head]
+    rows = [dict(zip(names, map(str.strip, line), strict=True)) for line in lines]
+    return {
+        key: [row.get(name, "") for name in formats.HEAD[1:]] for row in rows for key in row["key"].split("`")[1::2]
+    }
+
+
+def test_every_key_has_its_type_its_unit_its_default_and_its_meaning(root: Path) -> None:
     page = (root / "docs" / "file-formats.md").read_text()
+    _, keys = formats.meanings()
     for title, rows in formats.rows().items():
         section = page.split(f"\n## {title}\n")[1].split("\n## ")[0]
-        shown = "".join(line.split(": ")[0] for line in section.splitlines() if line.startswith("- `"))
-        assert all(f"`{spelled.split(', ')[0]}`" in shown for _, spelled, _ in rows)
-    assert "- `payload_kg`: " in page
-    assert "`q1_deg`, `q1_rad`" in page
+        elsewhere = [key for line in section.splitlines() if line.startswith("As in ") for key in line.split("`")[1::2]]
+        shown = cells(section)
+        assert sorted([*shown, *elsewhere]) == sorted(row.key for row in rows)
+        for row in rows:
+            expected = [row.kind, row.unit, row.default, keys[title, row.name]]
+            assert row.key in elsewhere or shown[row.key] == expected
+    assert cells(page.split("\n## robot.yaml\n")[1].split("\n## ")[0])["payload_kg"] == [
+        "number",
+        "kg",
+        "",
+        "mass that the wrist may carry",
+    ]
+    station = cells(page.split("\n## experiment.yaml, stations\n")[1].split("\n## ")[0])
+    assert station["clearance_mm"][1:3] == ["mm, m", "5"]
+    assert station["xyz_mm"][:3] == ["numbers", "mm, m", "required"]
+    assert cells(page.split("\n## plan.csv\n")[1].split("\n## ")[0])["q1_deg"][1] == "deg, rad"
     assert set(measured(RobotSpec)) == {"limits_tolerance", "payload", "gravity"}
+
+
+def test_what_stands_in_another_table_is_there(root: Path) -> None:
+    page = (root / "docs" / "file-formats.md").read_text()
+    for where, keys in re.findall(r"^As in ([^:]+): (.*)\.$", page, re.M):
+        section = page.split(f"\n## {where}\n")[1].split("\n## ")[0]
+        assert set(keys.split("`")[1::2]) <= {*cells(section)}
 
 
 def test_plan_json_holds_these_keys(root: Path, tmp_path: Path) -> None:

@@ -43,4 +43,4 @@ def test_every_command_shown_exists_with_its_options(root: Path) -> None:
 def test_the_pictures_of_the_diagnosis_are_those_of_its_tables(root: Path) -> None:
     for name, drawn in draw_records.pictures().items():
         assert (root / "docs" / "images" / name).read_text() == drawn, "run: python benchmarks/draw_records.py"
-        assert name in (root / "docs" / "diagnosis.md").read_text()
+        assert name in (root / "docs" / "results.md").read_text()

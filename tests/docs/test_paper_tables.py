@@ -1,4 +1,4 @@
-"""docs/paper-tables.md: its numbers against what the paper prints, and the page against what the script writes."""
+"""The tables of docs/paper.md: numbers against what the paper prints, page and files against what the script writes."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from qsframework.design.candidates import reference_point
 
 @pytest.fixture(scope="module")
 def text(root: Path) -> str:
-    return (root / "docs" / "paper-tables.md").read_text()
+    return (root / "docs" / "paper.md").read_text()
 
 
 @pytest.fixture(scope="module")
-def designed(text: str) -> make_paper.Designed:
-    return make_paper.read_designed(text)
+def designed() -> make_paper.Designed:
+    return make_paper.read_designed()
 
 
 # Tables 1 and 2
@@ -300,8 +300,14 @@ def test_the_largest_reach_is_that_of_a_stretched_arm() -> None:
 # The page
 
 
-def test_the_page_is_what_the_script_writes(text: str, designed: make_paper.Designed) -> None:
-    assert make_paper.page(designed) == text, "run: python docs/paper/make_paper.py --keep"
+def test_the_page_and_its_tables_are_what_the_script_writes(
+    root: Path, text: str, designed: make_paper.Designed
+) -> None:
+    written, tables = make_paper.written(designed)
+    shown = text.split(make_paper.START)[1].split(make_paper.STOP)[0]
+    assert written == shown, "run: python docs/paper/make_paper.py --keep"
+    records = root / "docs" / "records"
+    assert {path.name: path.read_text() for path in records.glob("paper-*.csv")} == tables
 
 
 def test_the_pictures_are_what_the_script_draws(root: Path) -> None:

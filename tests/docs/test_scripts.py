@@ -1,7 +1,8 @@
-"""The scripts in examples/scripts run, are short, and find what they say; docs/python.md shows them as they are."""
+"""The scripts in examples/scripts run, are short, and find what they say; docs/python.md shows one and names all."""
 
 from __future__ import annotations
 
+import inspect
 import re
 import runpy
 import sys
@@ -10,6 +11,8 @@ from pathlib import Path
 
 import make_python
 import pytest
+
+import qsframework as qsf
 
 Run = Callable[[str], str]
 
@@ -60,8 +63,27 @@ def test_the_page_shows_every_script(root: Path) -> None:
     assert make_python.page() == (root / "docs" / "python.md").read_text(), "run: python docs/make_python.py"
 
 
-def test_each_verb_of_the_api_page_runs(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (block,) = re.findall(r"^```python\n(.*?)^```", (root / "docs" / "api.md").read_text(), re.M | re.S)
+@pytest.fixture(scope="module")
+def api_page(root: Path) -> list[str]:
+    """The examples of docs/api.md in their order, each with the name above it."""
+    return re.findall(r"^```python\n(.*?)^```", (root / "docs" / "api.md").read_text(), re.M | re.S)
+
+
+def test_the_examples_of_the_api_page_run(api_page: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    exec(compile(block, "api.md", "exec"), {"__name__": "api_page"})
-    assert {path.name for path in tmp_path.iterdir()} >= {"plan.csv", "readings.csv", "fit.json", "scene.html"}
+    names = {"__name__": "api_page"}
+    for block in api_page:
+        exec(compile(block, "api.md", "exec"), names)
+    made = {"plan.csv", "readings.csv", "fit.json", "fit.html", "scene.html", "plan.ls", "my_arm", "extended"}
+    assert {path.name for path in tmp_path.iterdir()} >= made
+
+
+def test_every_function_of_the_front_door_has_its_example(root: Path, api_page: list[str]) -> None:
+    """Directly under its name, where its module's page has one; a class and a module are used somewhere."""
+    page = (root / "docs" / "api.md").read_text()
+    for name in (n for n in qsf.__all__ if inspect.isfunction(getattr(qsf, n))):
+        found = getattr(qsf, name)
+        assert any(f"qsf.{name}(" in block for block in api_page), name
+        shown = re.search(rf"^::: \S+\.{found.__name__}\n\n```python\n(.*?)^```", page, re.M | re.S)
+        assert name == "check_effect" or (shown and f"qsf.{name}(" in shown[1]), name
+    assert max(len(block.splitlines()) for block in api_page) <= 10

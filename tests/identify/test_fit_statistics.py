@@ -1,4 +1,4 @@
-"""Coverage of the intervals: a smaller version of docs/statistics.md, judged by the binomial's own spread."""
+"""Coverage of the intervals: a smaller version of docs/results.md, judged by the binomial's own spread."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ Layout = Callable[[Campaign], Made]
 
 
 def layout(what: str) -> Callable[[Layout], Layout]:
-    """A layout of the table in docs/import.md, by its words there."""
+    """A layout of docs/records/import-layouts.csv, by its words there."""
 
     def keep(make: Layout) -> Layout:
         LAYOUTS[what] = make

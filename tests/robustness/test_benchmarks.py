@@ -1,6 +1,8 @@
 """The benchmarks' page: sections are replaced whole, and every script that `make bench` runs has one."""
 
+import csv
 import importlib
+import re
 import shutil
 import sys
 from dataclasses import asdict
@@ -16,7 +18,9 @@ from qsframework.experiment import load_experiment, read_readings
 from qsframework.identify import identify
 
 ROOT = Path(__file__).parents[2]
-PAGE = ROOT / "docs" / "performance.md"
+PAGE = ROOT / "docs" / "results.md"
+with (PAGE.parent / "records" / "made.csv").open() as lines:
+    MADE = {row["section"]: row for row in csv.DictReader(lines)}
 SECTIONS = ("start-up", "commands", "kinematics", "design", "identification", "scaling")
 ASKED = ("against", "clean", "positions")
 """Sections that only their own scripts fill, which take too long for `make bench`."""
@@ -40,9 +44,11 @@ def test_the_page_holds_each_section_once_and_filled() -> None:
     for name in SECTIONS:
         assert page.count(f"<!-- {name} -->") == page.count(f"<!-- end of {name} -->") == 1
         body = page.partition(f"<!-- {name} -->")[2].partition(f"<!-- end of {name} -->")[0]
-        assert "|---|" in body, f"{name} has no table: run make bench"
-        assert "medians of" in body
-        assert "benchmarks/" in body
+        tables = re.findall(r"\]\((records/.*?\.csv)\)", body)
+        assert tables, f"{name} has no table: run make bench"
+        assert all(len((PAGE.parent / table).read_text().splitlines()) > 1 for table in tables)
+        assert int(MADE[name]["runs"]) >= 5
+        assert "benchmarks/" in MADE[name]["command"]
 
 
 def test_the_page_has_room_for_what_is_asked_for() -> None:
@@ -50,7 +56,7 @@ def test_the_page_has_room_for_what_is_asked_for() -> None:
     for name in ASKED:
         assert page.count(f"<!-- {name} -->") == page.count(f"<!-- end of {name} -->") == 1
         assert f'show("{name}"' in (ROOT / "benchmarks" / f"{name}.py").read_text()
-        assert f"benchmarks/{name}.py" in page
+        assert f"benchmarks/{name}.py" in MADE[name]["command"]
 
 
 def test_make_bench_runs_scripts_that_exist() -> None:
@@ -63,15 +69,16 @@ def test_make_bench_runs_scripts_that_exist() -> None:
 
 def test_a_section_is_replaced_and_nothing_else(load, tmp_path, monkeypatch) -> None:
     common = load("common")
-    page = tmp_path / "performance.md"
+    page = tmp_path / "results.md"
     page.write_text("before\n<!-- a -->\nold\n<!-- end of a -->\nafter\n<!-- b -->\nkept\n<!-- end of b -->\n")
     monkeypatch.setattr(common, "PAGE", page)
+    monkeypatch.setattr(common, "RECORDS", tmp_path / "records")
     common.write_section("a", "new", "the command")
     text = page.read_text()
     assert text.startswith("before\n<!-- a -->\nnew\n")
     assert "old" not in text
     assert text.endswith("<!-- end of a -->\nafter\n<!-- b -->\nkept\n<!-- end of b -->\n")
-    assert "`the command`" in text
+    assert "a,the command," in (tmp_path / "records" / "made.csv").read_text()
     with pytest.raises(SystemExit, match="once each"):
         common.write_section("c", "new", "the command")
     assert page.read_text() == text
@@ -79,7 +86,7 @@ def test_a_section_is_replaced_and_nothing_else(load, tmp_path, monkeypatch) -> 
 
 def test_a_quick_run_is_not_written(load, tmp_path, monkeypatch, capsys) -> None:
     common = load("common")
-    page = tmp_path / "performance.md"
+    page = tmp_path / "results.md"
     page.write_text("<!-- a -->\nold\n<!-- end of a -->\n")
     monkeypatch.setattr(common, "PAGE", page)
     common.show("a", "new", write=True, quick=True)

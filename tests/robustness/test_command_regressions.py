@@ -1,4 +1,4 @@
-"""What fuzzing whole commands found, each mended at its cause: see docs/robustness.md."""
+"""What fuzzing whole commands found, each mended at its cause: see docs/results.md."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Lines made from the parser of every command: exit code 0, or a refusal that says where, and whole, finite outputs.
 
-The long run of the same is `benchmarks/fuzz.py commands`; its record stands in docs/robustness.md.
+The long run of the same is `benchmarks/fuzz.py commands`; its record stands in docs/results.md.
 """
 
 from __future__ import annotations

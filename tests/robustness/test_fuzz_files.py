@@ -1,6 +1,6 @@
 """Spoiled files of every format: a sound value or a refusal that says what is wrong, never anything else.
 
-The long run of the same is `benchmarks/fuzz.py`; its record stands in docs/robustness.md.
+The long run of the same is `benchmarks/fuzz.py`; its record stands in docs/results.md.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parent / "paper"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "docs" / "paper"))
 from paper_steps import planar_rows, step_one_covariance, stiffness_rows
 
 from qsframework.information.two_step import step_two, stiffness_covariance
@@ -103,7 +103,7 @@ def table(count: int, seed: int) -> str:
     lines = [
         "| plan | sds of step one, largest / smallest | noise, % | one-step: RMS error, % | weighted / one-step "
         "| unweighted / one-step | linear / one-step |",
-        "|---|--:|--:|---|---|---|---|",
+        "|---|---|---|---|---|---|---|",
     ]
     for plan in PLANS:
         for noise in NOISE:

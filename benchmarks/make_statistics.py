@@ -1,6 +1,6 @@
-"""Coverage of the confidence intervals by simulated campaigns: writes docs/statistics.md (some minutes on two cores).
+"""Coverage of the confidence intervals by simulated campaigns, for docs/results.md (some minutes on two cores).
 
-python docs/make_statistics.py [--campaigns 4000] [--output docs/statistics.md] [--jobs 2]
+python benchmarks/make_statistics.py [--campaigns 4000] [--jobs 2] [--write]
 """
 
 from __future__ import annotations
@@ -9,9 +9,9 @@ import argparse
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
+from common import PAGE, replace_between, shelved, table
 from scipy.stats import t
 from statistics_methods import table as methods_table
 
@@ -200,44 +200,33 @@ def _short(value: float) -> str:
     return f"{float(f'{value:.2g}'):g}"
 
 
-def page(count: int, results: list[tuple[Case, Array, Array]], methods: str) -> str:
-    """The page's text."""
-    text = (Path(__file__).parent / "statistics_text.txt").read_text()
-    spread = 100 * np.sqrt(0.95 * 0.05 / count)
-    table = [
-        "| campaign | condition | coverage, mean | smallest | largest | sd of the parameters, % |",
-        "|---|--:|---|---|---|---|",
-    ]
+def record(count: int, results: list[tuple[Case, Array, Array]], methods: str) -> str:
+    """Both tables as Markdown, and how they were made."""
+    rows = []
     for case, inside, sd in results:
         c = 100 * inside
-        table.append(
-            f"| {case.name} | {condition(case):,.0f} | {c.mean():.1f} | {c.min():.1f} | {c.max():.1f} | "
-            f"{_short(100 * sd.min())} to {_short(100 * sd.max())} |"
+        shares = (f"{c.mean():.1f}", f"{c.min():.1f}", f"{c.max():.1f}")
+        rows.append(
+            (case.name, f"{condition(case):,.0f}", *shares, f"{_short(100 * sd.min())} to {_short(100 * sd.max())}")
         )
-    filled = {
-        "COUNT": f"{count:,}",
-        "SEED": str(SEED),
-        "DATE": DATE,
-        "SPREAD": f"{spread:.2f}",
-        "TABLE": "\n".join(table),
-        "METHODS": methods,
-    }
-    for key, value in filled.items():
-        text = text.replace(f"@{key}@", value)
-    return text
+    head = ("campaign", "condition", "coverage, mean", "smallest", "largest", "sd of the parameters, %")
+    made = f"`python benchmarks/make_statistics.py`, {DATE}, {count:,} campaigns, seed {SEED}."
+    return "\n\n".join([made, "### Coverage", table(head, rows), "### Two steps", methods])
 
 
 def main() -> None:
-    """Simulate, and write the page."""
+    """Simulate, print, write."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--campaigns", type=int, default=4000)
-    parser.add_argument("--output", type=Path, default=Path(__file__).parent / "statistics.md")
     parser.add_argument("--jobs", type=int, default=2, help="processes; 0: one per core")
+    parser.add_argument("--write", action="store_true", help="write docs/results.md and its tables")
     chosen = parser.parse_args()
     results = run(chosen.campaigns, Work(chosen.jobs))
-    methods = methods_table(chosen.campaigns, SEED)
-    chosen.output.write_text(page(chosen.campaigns, results, methods))
-    print(chosen.output.read_text())
+    text = record(chosen.campaigns, results, methods_table(chosen.campaigns, SEED))
+    print(text)
+    if chosen.write:
+        marks = "<!-- uncertainties -->", "<!-- end of uncertainties -->"
+        replace_between(PAGE, *marks, shelved(text, "uncertainties"))
 
 
 if __name__ == "__main__":
