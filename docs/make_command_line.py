@@ -8,6 +8,8 @@ from typing import Any
 
 import typer.main
 
+from qsframework.cli.help import argument_name
+
 PAGE = Path(__file__).parent / "command-line.md"
 HEAD = """# The command line
 
@@ -45,19 +47,14 @@ def _list(rows: list[tuple[str, str]]) -> str:
 
 def _section(name: str, command: Any, shared: list[tuple[str, str]]) -> str:
     asked = [p for p in command.params if p.param_type_name == "argument"]
-    usage = " ".join(["qsf", name, *(_argument(p) for p in asked)])
+    usage = " ".join(["qsf", name, *(argument_name(p) for p in asked)])
     rows = [_row(p) for p in _options(command)]
-    own = [*((f"`{_argument(p)}`", _words(p)) for p in asked), *(row for row in rows if row not in shared)]
+    own = [*((f"`{argument_name(p)}`", _words(p)) for p in asked), *(row for row in rows if row not in shared)]
     listed = f"\n{_list(own)}" if own else ""
     also = ", ".join(left for left, right in rows if (left, right) in shared)
     more = f"\nAlso {also}.\n" if also else ""
     doc = " ".join((command.help or "").split())
     return f"\n## `qsf {name}`\n\n{_escaped(doc)}\n\n```\n{usage}\n```\n{listed}{more}"
-
-
-def _argument(parameter: Any) -> str:
-    text = parameter.name.upper() + ("..." if parameter.nargs == -1 else "")
-    return text if parameter.required else f"[{text}]"
 
 
 def _words(parameter: Any) -> str:
