@@ -379,6 +379,9 @@ def identify(
         Path | None,
         typer.Option(help="fit.json of an earlier campaign: lists the changes since.", rich_help_panel="Output"),
     ] = None,
+    verbose: Annotated[
+        bool, typer.Option("--verbose", rich_help_panel="Output", help="Print all rows and columns of the tables.")
+    ] = False,
     json: Json = None,
     report: Report = None,
     anyway: Anyway = False,
@@ -413,6 +416,7 @@ def identify(
         states=states,
         anyway=anyway,
         compare=compare,
+        verbose=verbose,
     )
     run_identify(paths, fit, options, clean)
 
