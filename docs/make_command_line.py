@@ -8,6 +8,8 @@ from typing import Any
 
 import typer.main
 
+from qsframework.cli.help import argument_name
+
 PAGE = Path(__file__).parent / "command-line.md"
 HEAD = """# The command line
 
@@ -57,12 +59,7 @@ def _section(name: str, command: Any, shared: list[tuple[str, str]]) -> str:
 
 def _asked(command: Any) -> list[tuple[str, str]]:
     """The arguments with their words."""
-    return [(f"`{_argument(p)}`", _words(p)) for p in command.params if p.param_type_name == "argument"]
-
-
-def _argument(parameter: Any) -> str:
-    text = parameter.name.upper() + ("..." if parameter.nargs == -1 else "")
-    return text if parameter.required else f"[{text}]"
+    return [(f"`{argument_name(p)}`", _words(p)) for p in command.params if p.param_type_name == "argument"]
 
 
 def _words(parameter: Any) -> str:

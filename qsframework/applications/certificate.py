@@ -68,8 +68,8 @@ class MetaSpec(FileModel):
 
 @dataclass(frozen=True)
 class Quantity:
-    """A parameter of the fit: value and expanded uncertainty, SI, NaN where none is quoted; status "" where all is
-    well. stiffness: 1 / value and its expanded uncertainty, of a compliance that is told from zero; else None."""
+    """A parameter of the fit: value and expanded uncertainty, SI, NaN where none is quoted; status: its state.
+    stiffness: 1 / value and its expanded uncertainty, of a compliance that is told from zero; else None."""
 
     name: str
     unit: str
@@ -252,7 +252,7 @@ def _quantities(experiment: Experiment, fit: FitRecord) -> tuple[Quantity, ...]:
         expanded = COVERAGE * sd if np.isfinite(e.sd) else float("nan")
         told = unit in _COMPLIANCES and e.value > expanded > 0.0
         stiffness = (1.0 / e.value, expanded / e.value**2) if told else None
-        out.append(Quantity(e.name, unit, e.value, expanded, e.status, stiffness))
+        out.append(Quantity(e.name, unit, e.value, expanded, e.state.value, stiffness))
     return tuple(out)
 
 

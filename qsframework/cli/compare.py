@@ -43,8 +43,7 @@ def run_compare(
     table = summary_table(result)
     verdict = comparison_verdict(result)
     print_verdict(verdict)
-    print_table(table.header, table.rows, task.title)
-    print_folded(table.caption)
+    print_table(table.header, table.rows, task.title, table.caption)
     for r in result.robots:
         print_folded(f"{r.robot.name}: {r.campaign}")
         for note in r.notes:

@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     from qsframework.report.blocks import Verdict
 
 
+_ROWS, _ASIDE = 11, 4
+"""Rows of the parameters and of those that were not estimated, unless all are wanted."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class FitFiles:
     """What the command reads, and what it writes where it is asked to; states: how files of states are read."""
@@ -30,6 +34,7 @@ class FitFiles:
     states: str | None = None
     anyway: bool = False
     compare: Path | None = None
+    verbose: bool = False
 
     @property
     def outputs(self) -> tuple[Path | None, ...]:
@@ -71,10 +76,10 @@ def run_identify(files: FitFiles, fit: list[str] | None, options: FitOptions, cl
         begins("fit")
         result = replace(identify(experiment, readings, fit, options), cleaned=masks)
         begins("verdict")
-        verdict = fit_verdict(result, readings.poses)
+        verdict = fit_verdict(result)
     if files.json is not None:
         write_json(files.json, result.as_json())
-    _tell(result, verdict, other)
+    _tell(result, verdict, other, files.verbose)
     for said in result_files(result, experiment.robot, files.nominal, files.urdf, files.anyway):
         print_folded(said)
     if files.json is not None:
@@ -104,30 +109,28 @@ def _other(path: Path | None, experiment: Experiment) -> FitRecord | None:
     return other
 
 
-def _tell(result: Fit, verdict: Verdict, other: FitRecord | None) -> None:
-    """What comes first, the verdict, the tables and the notes."""
+def _tell(result: Fit, verdict: Verdict, other: FitRecord | None, verbose: bool) -> None:
+    """The verdict, what was found of the rows and what to do; then the tables, what was not estimated last."""
     from qsframework.report.fit_section import error_tables, fit_table, interval_tables, left_aside_table
     from qsframework.report.moved_section import moved_table, moved_words
     from qsframework.report.words.fit import alignment_words, first_words, verdict_words
 
-    for line in first_words(result):
-        print_folded(line)
     print_verdict(verdict)
     pair = () if other is None else (moved_words(result, other),)
-    for said in (*pair, verdict_words(result), *result.account.extension):
+    told = (*first_words(result), *pair, verdict_words(result), *result.account.extension)
+    for said in (*told, *alignment_words(result.alignments), *result.notes):
         print_folded(said)
-    print()
-    aside = (left_aside_table(result),) if result.left_aside else ()
-    beside = () if other is None else (moved_table(result, other),)
-    for table in (*aside, fit_table(result), *beside, *interval_tables(result), *error_tables(result)):
-        print_table(table.header, table.rows)
-        print_folded(table.caption)
-    for line in (*alignment_words(result.alignments), *result.notes):
-        print_folded(line)
     for one in result.gross:
         print_folded(f"{'masked by the fit, ' if one.kind == 'gross' else ''}{one.kind}: {one.words}")
     if any(one.kind == "block" for one in result.gross):
         print("nothing was masked; --clean masks them, --keep-all says that they are right")
+    print()
+    moved = () if other is None else (moved_table(result, other),)
+    aside = (left_aside_table(result),) if result.left_aside else ()
+    whole = (*moved, *interval_tables(result), *error_tables(result))
+    for table in (fit_table(result, brief=not verbose), *whole, *aside):
+        most = None if verbose or table in whole else _ASIDE if table in aside else _ROWS
+        print_table(table.header, table.rows, caption=table.caption, most=most)
 
 
 def run_validate(files: FitFiles, fit: Path, halves: int, seed: int) -> None:
@@ -152,8 +155,7 @@ def run_validate(files: FitFiles, fit: Path, halves: int, seed: int) -> None:
     for said in (*found.account.extension, *(f"note: {note}" for note in found.notes)):
         print_folded(said)
     for table in validation_tables(found):
-        print_table(table.header, table.rows)
-        print_folded(table.caption)
+        print_table(table.header, table.rows, caption=table.caption)
     if files.json is not None:
         write_json(files.json, found.as_json())
         print(f"validation: {files.json}")

@@ -7,15 +7,16 @@ import gc
 import os
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from qsframework.cli.options import DaskAddress, ExperimentFile, Jobs, Json, Report
+from qsframework.cli.help import Command, Group
+from qsframework.cli.options import Anyway, DaskAddress, ExperimentFile, Jobs, Json, Report, Seed, Trust
 from qsframework.cli.printing import held_back
 from qsframework.cli.stop import Stopped, listening
-from qsframework.cli.trust import Anyway, Trust
 from qsframework.cli.work import add_commands
 from qsframework.errors import InputError, Problem, QsfError
 from qsframework.terminal import folded, printable, width
@@ -25,16 +26,27 @@ app = typer.Typer(
     no_args_is_help=True,
     context_settings={"help_option_names": ["-h", "--help"]},
     pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    cls=Group,
 )
+command = partial(app.command, cls=Command)
 
 Files = Annotated[
-    list[Path] | None, typer.Argument(metavar="[READINGS]...", help="Files; the experiment's own if left out.")
+    list[Path] | None,
+    typer.Argument(metavar="[READINGS]...", help="Files of readings (default: the experiment's own)."),
 ]
-Linear = Annotated[bool, typer.Option("--linear", help="Balance the load at the undeflected pose, as the paper does.")]
+Linear = Annotated[
+    bool,
+    typer.Option(
+        "--linear", rich_help_panel="Estimation", help="Balance the load at the undeflected pose, as the paper does."
+    ),
+]
 States = Annotated[
-    str | None, typer.Option(help="Read files of states as 'differences' (loaded minus unloaded) or 'positions'.")
+    str | None,
+    typer.Option(
+        rich_help_panel="Readings", help="Read files of states as 'differences' (loaded minus unloaded) or 'positions'."
+    ),
 ]
-Seed = Annotated[int, typer.Option(help="All randomness comes from this number.", min=0)]
 
 
 def _version(asked: bool) -> None:
@@ -48,44 +60,44 @@ def _version(asked: bool) -> None:
 @app.callback()
 def whole(
     told: Annotated[
-        bool, typer.Option("--version", help="Print the version and end.", callback=_version, is_eager=True)
+        bool, typer.Option("--version", help="Print the version.", callback=_version, is_eager=True)
     ] = False,
     trust: Trust = False,
 ) -> None:
     """Elastostatic calibration of heavy, quasi-serial industrial robots."""
 
 
-@app.command()
+@command()
 def demo(
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")] = Path("qsf-demo"),
     seed: Seed = 0,
     json: Json = None,
 ) -> None:
-    """Real readings identified, a plan designed and tried in simulation, in one report."""
+    """Example from readings to report: identify, design, simulate."""
     from qsframework.cli.demo import run_demo
 
     run_demo(output, seed, json)
 
 
-@app.command()
+@command()
 def robots(json: Json = None, report: Report = None, trust: Trust = False) -> None:
-    """List the robots that can be named in an experiment."""
+    """List the robots that an experiment can use."""
     from qsframework.cli.robots import list_robots
 
     list_robots(json, report)
 
 
-@app.command()
+@command()
 def check(
     files: Annotated[list[Path], typer.Argument(help="robot.yaml, experiment.yaml or a robot's name")],
     conformance: Annotated[
-        bool, typer.Option("--conformance", help="Try the robots with everything, down to a small campaign.")
+        bool, typer.Option("--conformance", help="Test the robots throughout, including a small simulated campaign.")
     ] = False,
     json: Json = None,
     report: Report = None,
     trust: Trust = False,
 ) -> None:
-    """Check robots and experiments, with the readings that they name; all problems at once."""
+    """Check robots, experiments and readings; lists all problems."""
     from qsframework.cli.check import check_files
 
     check_files(files, json, report)
@@ -95,7 +107,7 @@ def check(
         run_conformance(files)
 
 
-@app.command()
+@command()
 def stiffness(
     robot: Annotated[str, typer.Argument(help="A robot's name or folder.", show_default=False)],
     pose: Annotated[str, typer.Option(help="Pendant angles, deg, or mm: J1,J2,...", show_default=False)],
@@ -105,13 +117,13 @@ def stiffness(
     report: Report = None,
     trust: Trust = False,
 ) -> None:
-    """Deflection under a load, the share of each spring, and the Cartesian stiffness."""
+    """Deflection under a load, spring by spring; Cartesian stiffness."""
     from qsframework.cli.stiffness import run_stiffness
 
     run_stiffness(robot, pose, load, point, json, report)
 
 
-@app.command()
+@command()
 def show(
     subject: Annotated[str, typer.Argument(metavar="ROBOT|EXPERIMENT", help="A robot's name, or experiment.yaml.")],
     files: Annotated[
@@ -126,15 +138,13 @@ def show(
     pose: Annotated[str | None, typer.Option(help="Pendant angles, deg, or mm: J1,J2,... instead of a plan.")] = None,
     load: Annotated[str | None, typer.Option(help="Force, N, base frame: fx,fy,fz[,mx,my,mz in Nm].")] = None,
     point: Annotated[str | None, typer.Option(help="Where the load acts on a robot, mm, flange frame.")] = None,
-    scale: Annotated[
-        float, typer.Option(help="Deflections, ellipsoids and residuals are drawn this much larger.")
-    ] = 100,
-    html: Annotated[Path | None, typer.Option(help="Write one page that needs no network, instead of serving.")] = None,
+    scale: Annotated[float, typer.Option(help="Magnification of deflections, ellipsoids and residuals.")] = 100,
+    html: Annotated[Path | None, typer.Option(help="Write one self-contained page instead of serving.")] = None,
     port: Annotated[int, typer.Option(help="Port on this machine; 0 takes any free one.")] = 7000,
     anyway: Anyway = False,
     trust: Trust = False,
 ) -> None:
-    """See the robot in 3D: poses, loads, limits, deflection, stiffness, residuals."""
+    """The robot in 3D: poses, loads, limits, deflection, residuals."""
     if html is None:
         print("Ctrl-C ends qsf show; the scene is being drawn", flush=True)  # before the libraries are loaded
     from qsframework.cli.kinds import sorted_out
@@ -161,41 +171,86 @@ def show(
     )
 
 
-@app.command()
+@command()
 def design(
     experiment: ExperimentFile,
     poses: Annotated[
-        int | None, typer.Option("-n", "--poses", help="Number of poses; the most with --for.", min=1, max=10_000)
+        int | None,
+        typer.Option(
+            "-n", "--poses", help="Number of poses; the most with --for.", min=1, max=10_000, rich_help_panel="Plan"
+        ),
     ] = None,
     task: Annotated[
-        Path | None, typer.Option("--for", help="task.yaml: the smallest plan for the points of its path.")
+        Path | None,
+        typer.Option("--for", help="task.yaml: the smallest plan for the points of its path.", rich_help_panel="Plan"),
     ] = None,
     accuracy_mm: Annotated[
-        float | None, typer.Option(help="With --for: error of the tool there, k = 2.", min=0.0)
+        float | None,
+        typer.Option(help="With --for: required accuracy of the tool there, k = 2.", min=0.0, rich_help_panel="Plan"),
     ] = None,
     criterion: Annotated[
         str,
         typer.Option(
             help="I: mean error of the tip after compensation; G: the largest one; D, A, E, O3: of the parameters; "
-            "Ds, L: of the parameters of --interest."
+            "Ds, L: of the parameters of --interest.",
+            rich_help_panel="Criterion",
         ),
     ] = "I",
-    interest: Annotated[list[str] | None, typer.Option(help="A parameter that Ds and L speak of (repeat).")] = None,
+    interest: Annotated[
+        list[str] | None,
+        typer.Option(help="A parameter of interest for Ds and L (repeat the option).", rich_help_panel="Criterion"),
+    ] = None,
     candidates: Annotated[
-        str, typer.Option(help="How many poses to draw, 'grid:5' for 5 angles of each joint, or a file of poses.")
+        str,
+        typer.Option(
+            help="How many poses to draw, 'grid:5' for 5 angles of each joint, or a file of poses.",
+            rich_help_panel="Search",
+        ),
     ] = "1000",
-    repeats: Annotated[bool, typer.Option(help="Allow a pose to be measured more than once.")] = False,
-    budget: Annotated[float | None, typer.Option(help="Total cost instead of -n, by the loads' `cost`.")] = None,
-    prior: Annotated[bool, typer.Option(help="Count the stated sd of each parameter as a reading.")] = False,
-    taken: Annotated[list[Path] | None, typer.Option(help="Readings or a plan already taken (repeat).")] = None,
-    test_poses: Annotated[Path | None, typer.Option(help="Plan file: poses and loads of the work, for I, G.")] = None,
-    samples: Annotated[int, typer.Option(help="Draws of the parameters that the plan must suit.", min=1, max=1000)] = 1,
-    worst: Annotated[bool, typer.Option(help="Suit the worst of the samples, not their mean.")] = False,
-    efficiency: Annotated[float, typer.Option(help="What must be certified.", min=0.0, max=1.0)] = 0.9999,
-    solver: Annotated[str, typer.Option(help="'columns', or 'cvxpy' as the reference.")] = "columns",
-    polish: Annotated[bool, typer.Option(help="Move the angles off the candidates where that helps.")] = True,
-    output: Annotated[Path, typer.Option("-o", "--output", help="The plan.")] = Path("plan.csv"),
-    verbose: Annotated[bool, typer.Option("--verbose", help="Say which constraint excludes how many poses.")] = False,
+    repeats: Annotated[
+        bool, typer.Option("--repeats", help="Allow a pose to be measured more than once.", rich_help_panel="Plan")
+    ] = False,
+    budget: Annotated[
+        float | None, typer.Option(help="Total cost instead of -n, by the loads' `cost`.", rich_help_panel="Plan")
+    ] = None,
+    prior: Annotated[
+        bool,
+        typer.Option(
+            "--prior", help="Use the stated sd of each parameter as prior information.", rich_help_panel="Criterion"
+        ),
+    ] = False,
+    taken: Annotated[
+        list[Path] | None, typer.Option(help="Readings or a plan already taken (repeat).", rich_help_panel="Plan")
+    ] = None,
+    test_poses: Annotated[
+        Path | None,
+        typer.Option(help="For I and G: plan file with the poses and loads of the work.", rich_help_panel="Criterion"),
+    ] = None,
+    samples: Annotated[
+        int,
+        typer.Option(
+            help="Draws of the parameters that the plan must serve.", min=1, max=1000, rich_help_panel="Criterion"
+        ),
+    ] = 1,
+    worst: Annotated[
+        bool,
+        typer.Option("--worst", help="Minimax over the samples instead of their mean.", rich_help_panel="Criterion"),
+    ] = False,
+    efficiency: Annotated[
+        float, typer.Option(help="Efficiency that must be certified.", min=0.0, max=1.0, rich_help_panel="Search")
+    ] = 0.9999,
+    solver: Annotated[
+        str, typer.Option(help="'columns', or 'cvxpy' as the reference.", rich_help_panel="Search")
+    ] = "columns",
+    polish: Annotated[
+        bool, typer.Option(help="Refine the angles continuously, off the candidates.", rich_help_panel="Search")
+    ] = True,
+    output: Annotated[Path, typer.Option("-o", "--output", help="The plan.", rich_help_panel="Output")] = Path(
+        "plan.csv"
+    ),
+    verbose: Annotated[
+        bool, typer.Option("--verbose", help="Print how many poses each constraint excludes.", rich_help_panel="Output")
+    ] = False,
     jobs: Jobs = 1,
     dask: DaskAddress = None,
     seed: Seed = 0,
@@ -203,7 +258,7 @@ def design(
     report: Report = None,
     trust: Trust = False,
 ) -> None:
-    """Choose the poses that pin the parameters down best, with a certificate."""
+    """Select optimal measurement poses, with a certificate."""
     from qsframework.cli.design import DesignFiles, run_design
     from qsframework.design import Wish
     from qsframework.work import Work
@@ -240,11 +295,11 @@ def design(
     )
 
 
-@app.command()
+@command()
 def simulate(
     experiment: ExperimentFile,
     plan: Annotated[
-        Path, typer.Argument(help="plan.csv, or readings.csv, whose rows are made anew.", show_default=False)
+        Path, typer.Argument(help="plan.csv, or readings.csv, whose rows are simulated anew.", show_default=False)
     ],
     output: Annotated[Path, typer.Option("-o", "--output", help="The readings.")] = Path("readings.csv"),
     truth: Annotated[
@@ -256,40 +311,77 @@ def simulate(
     report: Report = None,
     trust: Trust = False,
 ) -> None:
-    """Make readings of a plan, with seeded noise."""
+    """Simulate the readings of a plan, with seeded noise."""
     from qsframework.cli.simulate import run_simulate
 
     run_simulate(experiment, plan, output, truth, seed, json, linear, report)
 
 
-@app.command()
+@command()
 def identify(
     experiment: ExperimentFile,
     files: Files = None,
-    fit: Annotated[list[str] | None, typer.Option(help="Estimate this parameter (repeat the option).")] = None,
+    fit: Annotated[
+        list[str] | None,
+        typer.Option(help="Estimate this parameter (repeat the option).", rich_help_panel="Estimation"),
+    ] = None,
     method: Annotated[
-        str, typer.Option(help="one-step, or two-step (a balanced joint angle by angle first).")
+        str,
+        typer.Option(
+            help="one-step, or two-step (a balanced joint angle by angle first).", rich_help_panel="Estimation"
+        ),
     ] = "one-step",
     linear: Linear = False,
-    bounds: Annotated[bool, typer.Option("--bounds", help="Keep the parameters' bounds.")] = False,
-    priors: Annotated[bool, typer.Option(help="Count stated values and sds as readings.")] = False,
-    loss: Annotated[str, typer.Option(help="linear, huber or soft_l1.")] = "linear",
-    fixed: Annotated[list[str] | None, typer.Option(help="Keep this parameter (repeat).")] = None,
-    tied: Annotated[
-        list[str] | None, typer.Option(help="NAME,NAME: keep the ratio of their nominal values (repeat).")
+    bounds: Annotated[
+        bool, typer.Option("--bounds", help="Keep the parameters' bounds.", rich_help_panel="Estimation")
+    ] = False,
+    priors: Annotated[
+        bool,
+        typer.Option("--priors", help="Use stated values and sds as prior information.", rich_help_panel="Estimation"),
+    ] = False,
+    loss: Annotated[str, typer.Option(help="linear, huber or soft_l1.", rich_help_panel="Estimation")] = "linear",
+    fixed: Annotated[
+        list[str] | None, typer.Option(help="Hold this parameter at its value (repeat).", rich_help_panel="Estimation")
     ] = None,
-    clean: Annotated[bool, typer.Option("--clean", help="Mask readings that cannot be right, and say which.")] = False,
-    keep_all: Annotated[bool, typer.Option("--keep-all", help="Mask no reading, however gross.")] = False,
+    tied: Annotated[
+        list[str] | None,
+        typer.Option(help="NAME,NAME: keep the ratio of their nominal values (repeat).", rich_help_panel="Estimation"),
+    ] = None,
+    clean: Annotated[
+        bool,
+        typer.Option(
+            "--clean", help="Mask outliers and wrong rows before the fit, and list them.", rich_help_panel="Readings"
+        ),
+    ] = False,
+    keep_all: Annotated[
+        bool, typer.Option("--keep-all", help="Mask no reading: outliers are used too.", rich_help_panel="Readings")
+    ] = False,
     shared_error: Annotated[
-        bool, typer.Option("--shared-error", help="Estimate the error that all markers of a visit share.")
+        bool,
+        typer.Option(
+            "--shared-error",
+            help="Estimate the repeatability error, which the markers of a visit share.",
+            rich_help_panel="Readings",
+        ),
     ] = False,
     states: States = None,
     profile: Annotated[
-        list[str] | None, typer.Option(help="Profile interval, 95 %, of this parameter (repeat).")
+        list[str] | None,
+        typer.Option(help="Profile interval, 95 %, of this parameter (repeat).", rich_help_panel="Estimation"),
     ] = None,
-    nominal: Annotated[Path | None, typer.Option(help="Write a nominal.yaml with the identified values.")] = None,
-    urdf: Annotated[Path | None, typer.Option(help="Write the robot's URDF with corrected joint origins.")] = None,
-    compare: Annotated[Path | None, typer.Option(help="fit.json of an earlier campaign: what has moved since?")] = None,
+    nominal: Annotated[
+        Path | None, typer.Option(help="Write a nominal.yaml with the identified values.", rich_help_panel="Output")
+    ] = None,
+    urdf: Annotated[
+        Path | None, typer.Option(help="Write the robot's URDF with corrected joint origins.", rich_help_panel="Output")
+    ] = None,
+    compare: Annotated[
+        Path | None,
+        typer.Option(help="fit.json of an earlier campaign: lists the changes since.", rich_help_panel="Output"),
+    ] = None,
+    verbose: Annotated[
+        bool, typer.Option("--verbose", rich_help_panel="Output", help="Print all rows and columns of the tables.")
+    ] = False,
     json: Json = None,
     report: Report = None,
     anyway: Anyway = False,
@@ -324,29 +416,32 @@ def identify(
         states=states,
         anyway=anyway,
         compare=compare,
+        verbose=verbose,
     )
     run_identify(paths, fit, options, clean)
 
 
-@app.command()
+@command()
 def validate(
     experiment: ExperimentFile,
     files: Annotated[
         list[Path],
         typer.Argument(
             metavar="FIT [READINGS]...",
-            help="fit.json, and readings; the experiment's own if left out.",
+            help="fit.json, and readings (default: the experiment's own).",
             show_default=False,
         ),
     ],
-    halves: Annotated[int, typer.Option(help="Fit N random halves of the poses, judge others.", min=0, max=1000)] = 0,
+    halves: Annotated[
+        int, typer.Option(help="Cross-validate: fit N random halves, report errors on the others.", min=0, max=1000)
+    ] = 0,
     states: States = None,
     seed: Seed = 0,
     json: Json = None,
     report: Report = None,
     trust: Trust = False,
 ) -> None:
-    """Errors of a fit at readings that it has not seen."""
+    """Errors of a fit at held-out readings."""
     from qsframework.cli.identify import FitFiles, run_validate
     from qsframework.cli.kinds import sorted_out, the_fit
 
@@ -355,24 +450,29 @@ def validate(
     run_validate(paths, the_fit(given, "validate EXPERIMENT fit.json [READINGS...]"), halves, seed)
 
 
-@app.command()
+@command()
 def diagnose(
     experiment: ExperimentFile,
     files: Annotated[
         list[Path] | None,
         typer.Argument(
             metavar="[READINGS|PLAN]...",
-            help="Readings, the experiment's own if left out; or, before measuring, the plan to judge: what it would "
-            "detect and name, and what not.",
+            help="Readings (default: the experiment's own); or, before measuring, a plan: which causes it would detect "
+            "and identify.",
             show_default=False,
         ),
     ] = None,
-    level: Annotated[float, typer.Option(help="Chance of naming anything where nothing acts.")] = 0.02,
-    extend: Annotated[Path | None, typer.Option(help="Folder for the extended robot and an experiment on it.")] = None,
+    level: Annotated[float, typer.Option(help="False-alarm probability.", rich_help_panel="Diagnosis")] = 0.02,
+    extend: Annotated[
+        Path | None,
+        typer.Option(help="Folder for the extended robot and an experiment on it.", rich_help_panel="Extended model"),
+    ] = None,
     extend_doubtful: Annotated[
         bool,
         typer.Option(
-            "--extend-doubtful", help="Extend by doubtful names too, whose held-out error does not clearly fall."
+            "--extend-doubtful",
+            help="Extend by doubtful causes too, which do not clearly reduce the held-out error.",
+            rich_help_panel="Extended model",
         ),
     ] = False,
     follow_up: Annotated[
@@ -380,16 +480,20 @@ def diagnose(
         typer.Option(
             "--follow-up",
             metavar="<N>",
-            help="Plan N visits of a second day that settle what is open.",
+            help="Plan N visits of a second day that decide what is open.",
             min=0,
             max=1000,
             show_default=False,
+            rich_help_panel="Further poses",
         ),
     ] = 0,
     separate: Annotated[
-        tuple[str, str] | None, typer.Option(help="CAUSE CAUSE: only design poses that tell these two apart.")
+        tuple[str, str] | None,
+        typer.Option(help="CAUSE CAUSE: only design poses that separate these two.", rich_help_panel="Further poses"),
     ] = None,
-    count: Annotated[int, typer.Option(help="Poses of --separate.", min=1, max=1000)] = 12,
+    count: Annotated[
+        int, typer.Option(help="Poses of --separate.", min=1, max=1000, rich_help_panel="Further poses")
+    ] = 12,
     output: Annotated[
         Path | None,
         typer.Option(
@@ -397,10 +501,14 @@ def diagnose(
             "--output",
             help="The plan of --follow-up (follow-up.csv) or --separate (separate.csv).",
             show_default=False,
+            rich_help_panel="Further poses",
         ),
     ] = None,
     verbose: Annotated[
-        bool, typer.Option("--verbose", help="List all causes, excluded and invisible ones too.")
+        bool,
+        typer.Option(
+            "--verbose", help="List all causes, also excluded and unobservable ones.", rich_help_panel="Diagnosis"
+        ),
     ] = False,
     jobs: Jobs = 1,
     dask: DaskAddress = None,
@@ -409,7 +517,7 @@ def diagnose(
     report: Report = None,
     trust: Trust = False,
 ) -> None:
-    """Name what the model gets wrong, extend it, and measure the gain."""
+    """Find unmodelled effects, extend the model, measure the gain."""
     from qsframework.cli.diagnose import Asked, DiagnoseFiles, run_diagnose
     from qsframework.cli.kinds import sorted_out
     from qsframework.work import Work

@@ -40,15 +40,16 @@ def print_line(lead: str, said: str) -> None:
     _print([folded(f"  - {text}", width(), "    ")])
 
 
-def print_table(header: Row, rows: Sequence[Row], title: str = "") -> None:
-    """A table and an empty line: words from the left, numbers from the right.
+def print_table(header: Row, rows: Sequence[Row], title: str = "", caption: str = "", most: int | None = None) -> None:
+    """A table, its caption and an empty line: words from the left, numbers from the right; most: rows at most.
 
     Where the terminal is too narrow, columns of words stand below their row; where it still is, the table is cut into
     several, each with the first column.
     """
     if title:
         print(f"\n{title}")
-    _print([*table_lines(header, rows, width()), ""])
+    more = [] if most is None or len(rows) <= most else [f"and {len(rows) - most} more: --verbose, or --report"]
+    _print([*table_lines(header, rows[:most] if more else rows, width()), *more, *paragraphs(caption, width()), ""])
 
 
 @contextmanager

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from qsframework.cli.options import DaskAddress, ExperimentFile, Jobs, Json, Report
-from qsframework.cli.trust import Anyway, Trust
+from qsframework.cli.help import Command
+from qsframework.cli.options import Anyway, DaskAddress, ExperimentFile, Jobs, Json, Report, Seed, Trust
 
 
 def compensate(
@@ -26,7 +26,7 @@ def compensate(
     output: Annotated[Path, typer.Option("-o", "--output", help="The corrected targets.")] = Path("corrected.csv"),
     reference: Annotated[
         str,
-        typer.Option(help="Wanted is where the 'commanded' angles would put a rigid arm, or the 'unloaded' real one."),
+        typer.Option(help="Reference of the target: the rigid ('commanded') or the 'unloaded' arm."),
     ] = "commanded",
     load: Annotated[
         list[str] | None, typer.Option(help="Of a programme: fx,fy,fz[,mx,my,mz], or NAME=... of one point (repeat).")
@@ -34,7 +34,7 @@ def compensate(
     keep: Annotated[
         list[str] | None,
         typer.Option(
-            help="A programme's point, or 'line N' of a motion, that stays as it is; refused: all refused ones."
+            help="Leave this point, or 'line N' of a motion, uncorrected; refused: all refused ones (repeat)."
         ),
     ] = None,
     tool: Annotated[
@@ -48,14 +48,14 @@ def compensate(
         ),
     ] = None,
     start: Annotated[
-        str | None, typer.Option(help="Pendant angles, deg, where the search for those of a first pose begins.")
+        str | None, typer.Option(help="Pendant angles, deg, from which those of the first pose are searched.")
     ] = None,
     json: Json = None,
     report: Report = None,
     anyway: Anyway = False,
     trust: Trust = False,
 ) -> None:
-    """Correct targets so that the loaded tool stands where it is wanted, and say what error is left."""
+    """Correct targets for deflection under load."""
     from qsframework.cli.compensate import CompensateFiles, ProgrammeTexts, run_compensate
     from qsframework.cli.kinds import sorted_out, the_fit
     from qsframework.errors import InputError, Problem
@@ -88,7 +88,7 @@ def kinematics(
     anyway: Anyway = False,
     trust: Trust = False,
 ) -> None:
-    """Write the fitted rigid kinematics for other programs and for the controller, and say what they lack."""
+    """Write the fitted kinematics for other programs and controllers."""
     from qsframework.cli.kinematics import run_kinematics
 
     asked = {"urdf": urdf, "dh": dh, "mdh": mdh, "hayati": hayati, "ur": ur}
@@ -101,7 +101,7 @@ def certificate(
         list[Path] | None,
         typer.Argument(
             metavar="FIT [READINGS]...",
-            help="fit.json, and readings that the fit has not seen; else halves of its own.",
+            help="fit.json, and held-out readings (default: random halves of its own).",
             show_default=False,
         ),
     ] = None,
@@ -110,15 +110,17 @@ def certificate(
     ] = Path("certificate.html"),
     meta: Annotated[Path | None, typer.Option(help="meta.yaml: who, when, serial numbers, tolerance.")] = None,
     template: Annotated[Path | None, typer.Option(help="Write a meta.yaml to fill in, and nothing else.")] = None,
-    halves: Annotated[int, typer.Option(help="Random halves, where no readings are given.", min=1, max=1000)] = 10,
-    seed: Annotated[int, typer.Option(help="All randomness comes from this number.", min=0)] = 0,
+    halves: Annotated[
+        int, typer.Option(help="Random halves, where no held-out readings are given.", min=1, max=1000)
+    ] = 10,
+    seed: Seed = 0,
     anyway: Annotated[
         bool,
-        typer.Option("--anyway", help="Certify while a diagnosis of the readings names a cause; the page says so."),
+        typer.Option("--anyway", help="Certify although a diagnosis found an unmodelled effect; the page says so."),
     ] = False,
     trust: Trust = False,
 ) -> None:
-    """State on one to three printable pages how accurate a robot is, with its uncertainties."""
+    """Certificate of a robot's accuracy, with its uncertainties."""
     from qsframework.cli.certificate import run_certificate, write_template
     from qsframework.errors import InputError
 
@@ -138,31 +140,56 @@ def export(
     files: Annotated[
         list[Path], typer.Argument(metavar="EXPERIMENT PLAN", help="experiment.yaml and plan.csv.", show_default=False)
     ],
-    to: Annotated[str, typer.Option(help="fanuc-ls, krl, rapid, urscript or csv.", show_default=False)],
-    output: Annotated[Path, typer.Option("-o", "--output", help="The file; krl makes .src and .dat.")],
+    to: Annotated[
+        str,
+        typer.Option(help="fanuc-ls, krl, rapid, urscript or csv.", show_default=False, rich_help_panel="Programme"),
+    ],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="The file; krl makes .src and .dat.", rich_help_panel="Programme")
+    ],
     order: Annotated[
-        str, typer.Option(help="shortest way, random (what drift cannot imitate), or as in the plan.")
+        str, typer.Option(help="shortest path, random (separates drift), or as in the plan.", rich_help_panel="Motion")
     ] = "shortest",
-    speed: Annotated[int, typer.Option(help="Percent of every joint's largest.", min=1, max=100)] = 10,
-    pause: Annotated[float, typer.Option(help="Seconds to wait at each pose.")] = 10.0,
-    hold: Annotated[bool, typer.Option("--hold", help="Wait for the start button instead.")] = False,
+    speed: Annotated[
+        int, typer.Option(help="Joint speed, percent of the maximum.", min=1, max=100, rich_help_panel="Motion")
+    ] = 10,
+    pause: Annotated[float, typer.Option(help="Wait at each pose, s.", rich_help_panel="Motion")] = 10.0,
+    hold: Annotated[
+        bool, typer.Option("--hold", help="Wait for the start button instead.", rich_help_panel="Motion")
+    ] = False,
     home: Annotated[
-        str | None, typer.Option(help="Pendant angles where the way begins and ends, deg, or mm: J1,J2,...")
+        str | None,
+        typer.Option(
+            help="Pendant angles where the path starts and ends, deg, or mm: J1,J2,...", rich_help_panel="Motion"
+        ),
     ] = None,
     repeat_share: Annotated[
-        float, typer.Option(help="Share of the poses visited twice, as qsf protocol draws them.", min=0, max=1)
+        float,
+        typer.Option(
+            help="Fraction of the poses visited twice, as in qsf protocol.", min=0, max=1, rich_help_panel="Motion"
+        ),
     ] = 0.0,
     tool: Annotated[
-        str, typer.Option(help="Number or name of the controller's tool; 1 or tool0 if left out.", show_default=False)
+        str,
+        typer.Option(
+            help="Number or name of the controller's tool (default: 1 or tool0).",
+            show_default=False,
+            rich_help_panel="Programme",
+        ),
     ] = "",
     frame: Annotated[
-        str, typer.Option(help="Number or name of its user frame; 0 or wobj0 if left out.", show_default=False)
+        str,
+        typer.Option(
+            help="Number or name of its user frame (default: 0 or wobj0).",
+            show_default=False,
+            rich_help_panel="Programme",
+        ),
     ] = "",
-    seed: Annotated[int, typer.Option(help="All randomness comes from this number.", min=0)] = 0,
+    seed: Seed = 0,
     json: Json = None,
     trust: Trust = False,
 ) -> None:
-    """Put a plan on the robot: order it, check the way for collisions, write the controller's file."""
+    """Write a plan as a robot programme, checked for collisions."""
     from qsframework.cli.export import ExportWish, run_export
     from qsframework.cli.kinds import sorted_out
     from qsframework.errors import InputError, Problem
@@ -185,12 +212,12 @@ def export(
     run_export(plan, experiment, output, wish, json)
 
 
-Order = Annotated[str, typer.Option(help="random (what drift cannot imitate), shortest, or as in the plan.")]
-Cycles = Annotated[int, typer.Option(help="Times the load is put on at each visit.", min=1, max=100)]
-RepeatShare = Annotated[float, typer.Option(help="Share of the poses that are visited twice.", min=0, max=1)]
-Drive = Annotated[str, typer.Option(help="What holds the arm while it is read: servo or brake.")]
+Order = Annotated[str, typer.Option(help="random (separates drift), shortest, or as in the plan.")]
+Cycles = Annotated[int, typer.Option(help="Loadings at each visit.", min=1, max=100)]
+RepeatShare = Annotated[float, typer.Option(help="Fraction of the poses visited twice.", min=0, max=1)]
+Drive = Annotated[str, typer.Option(help="What holds the arm during a reading: servo or brake.")]
 Reflectors = Annotated[int, typer.Option(help="Reflectors fixed to the floor.", min=0, max=100)]
-Half = Annotated[bool, typer.Option(help="Half the load, too, at repeated poses: is the arm linear?")]
+Half = Annotated[bool, typer.Option(help="Also half the load at repeated poses, to test linearity.")]
 
 
 def protocol(
@@ -203,15 +230,15 @@ def protocol(
     order: Order = "random",
     cycles: Cycles = 2,
     repeat_share: RepeatShare = 0.2,
-    settle: Annotated[float, typer.Option(help="Seconds to wait before a reading.", min=0)] = 30.0,
-    warm_up: Annotated[float, typer.Option(help="Minutes.", min=0)] = 30.0,
+    settle: Annotated[float, typer.Option(help="Wait before a reading, s.", min=0)] = 30.0,
+    warm_up: Annotated[float, typer.Option(help="Warm-up, minutes.", min=0)] = 30.0,
     drive: Drive = "servo",
     reflectors: Reflectors = 3,
     half: Half = True,
-    seed: Annotated[int, typer.Option(help="All randomness comes from this number.", min=0)] = 0,
+    seed: Seed = 0,
     trust: Trust = False,
 ) -> None:
-    """Write the measuring day as a sheet to print and a table of readings to fill in."""
+    """Write the measuring protocol: a sheet, and a table to fill in."""
     from qsframework.applications.protocol import ProtocolWish
     from qsframework.cli.protocol import run_protocol
 
@@ -232,24 +259,24 @@ def protocol(
 def day(
     experiment: ExperimentFile,
     plan: Annotated[Path, typer.Argument(help="plan.csv", show_default=False)],
-    output: Annotated[Path, typer.Option("-o", "--output", help="The folder of the day, begun or continued.")] = Path(
-        "day"
-    ),
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="The folder of the session; an existing one is resumed.")
+    ] = Path("day"),
     watch: Annotated[
-        Path | None, typer.Option(help="A folder into which the tracker exports, instead of the page.")
+        Path | None, typer.Option(help="Read the tracker's exports from this folder instead of the page.")
     ] = None,
-    port: Annotated[int, typer.Option(help="Of the page; 0 takes any free one.", min=0)] = 8765,
-    once: Annotated[bool, typer.Option("--once", help="With --watch: take what lies there, and end.")] = False,
+    port: Annotated[int, typer.Option(help="Port of the page; 0 takes any free one.", min=0)] = 8765,
+    once: Annotated[bool, typer.Option("--once", help="With --watch: read what is there, then exit.")] = False,
     order: Order = "random",
     cycles: Cycles = 2,
     repeat_share: RepeatShare = 0.2,
     drive: Drive = "servo",
     reflectors: Reflectors = 3,
     half: Half = True,
-    seed: Annotated[int, typer.Option(help="All randomness comes from this number.", min=0)] = 0,
+    seed: Seed = 0,
     trust: Trust = False,
 ) -> None:
-    """Run the measuring day: what comes next, and mistakes named while the robot still stands there."""
+    """Run the measuring session; reports mistakes at once."""
     from qsframework.applications.protocol import ProtocolWish
     from qsframework.cli.day import DayFiles, run_day
 
@@ -274,42 +301,78 @@ def import_files(
         ),
     ],
     plan: Annotated[
-        Path | None, typer.Option("--plan", "-p", help="plan.csv, or the table to fill in of qsf protocol.")
+        Path | None,
+        typer.Option(
+            "--plan", "-p", help="plan.csv, or the table to fill in of qsf protocol.", rich_help_panel="Files"
+        ),
     ] = None,
-    output: Annotated[Path, typer.Option("-o", "--output", help="The readings.")] = Path("readings.csv"),
+    output: Annotated[Path, typer.Option("-o", "--output", help="The readings.", rich_help_panel="Output")] = Path(
+        "readings.csv"
+    ),
     columns: Annotated[
         list[str] | None,
-        typer.Option("--map", help="ROLE=COLUMN, such as x=Xcoord, or x=3 where columns have no names (repeat)."),
+        typer.Option(
+            "--map",
+            help="ROLE=COLUMN, such as x=Xcoord, or x=3 where columns have no names (repeat).",
+            rich_help_panel="Files",
+        ),
     ] = None,
-    mapping: Annotated[Path | None, typer.Option(help="YAML with columns, units and names.")] = None,
+    mapping: Annotated[
+        Path | None, typer.Option(help="YAML with columns, units and names.", rich_help_panel="Files")
+    ] = None,
     unit: Annotated[
-        list[str] | None, typer.Option(help="Unit of what the files do not say: mm, in, deg, ms (repeat).")
+        list[str] | None,
+        typer.Option(help="Unit of columns that state none: mm, in, deg, ms (repeat).", rich_help_panel="Files"),
     ] = None,
     word: Annotated[
-        list[str] | None, typer.Option(help="FOUND=MEANT in names, such as WITH=loaded or ball1=m1 (repeat).")
+        list[str] | None,
+        typer.Option(help="FOUND=MEANT in names, such as WITH=loaded or ball1=m1 (repeat).", rich_help_panel="Files"),
     ] = None,
-    match: Annotated[str, typer.Option(help="Points by their names, in the order of the plan, or nearest.")] = "names",
+    match: Annotated[
+        str, typer.Option(help="Match points by names, by order (of the plan) or nearest.", rich_help_panel="Points")
+    ] = "names",
     join: Annotated[
-        str | None, typer.Option(help="A joint log by its names, in the points' order, or by time.")
+        str | None, typer.Option(help="Match the joint log by names, by order or by time.", rich_help_panel="Points")
     ] = None,
-    state: Annotated[str | None, typer.Option(help="Of points that do not say it: unloaded or loaded.")] = None,
-    series: Annotated[str, typer.Option(help="Name of the tracker's station.")] = "",
+    state: Annotated[
+        str | None, typer.Option(help="State of points that carry none: unloaded or loaded.", rich_help_panel="Points")
+    ] = None,
+    series: Annotated[str, typer.Option(help="Name of the tracker's station.", rich_help_panel="Points")] = "",
     ignore: Annotated[
-        list[str] | None, typer.Option(help="Leave out points named so, such as 'B*', or a column (repeat).")
+        list[str] | None,
+        typer.Option(help="Ignore these points, such as 'B*', or a column (repeat).", rich_help_panel="Points"),
     ] = None,
-    sheet: Annotated[str, typer.Option(help="Which sheet of a workbook.")] = "",
-    separator: Annotated[str, typer.Option(help="Between columns: ',', ';', '|', tab or space; else told.")] = "",
-    decimal: Annotated[str, typer.Option(help="Decimal sign: '.' or ','; else told from the numbers.")] = "",
-    clock: Annotated[float, typer.Option(help="Seconds by which the log's clock is ahead of the tracker's.")] = 0.0,
-    align: Annotated[
-        str, typer.Option(help="Tracker to base: from the 'unloaded' readings, or a file of known points, base frame.")
+    sheet: Annotated[str, typer.Option(help="Which sheet of a workbook.", rich_help_panel="Files")] = "",
+    separator: Annotated[
+        str,
+        typer.Option(
+            help="Column separator: ',', ';', '|', tab or space (default: detected).", rich_help_panel="Files"
+        ),
     ] = "",
-    within: Annotated[float, typer.Option(help="mm that a point may lie from where its pose puts the marker.")] = 50.0,
-    look: Annotated[bool, typer.Option("--look", help="Show what is taken for what, and write nothing.")] = False,
+    decimal: Annotated[
+        str, typer.Option(help="Decimal sign: '.' or ',' (default: detected).", rich_help_panel="Files")
+    ] = "",
+    clock: Annotated[
+        float,
+        typer.Option(help="Seconds by which the log's clock is ahead of the tracker's.", rich_help_panel="Points"),
+    ] = 0.0,
+    align: Annotated[
+        str,
+        typer.Option(
+            help="Tracker to base: from the 'unloaded' readings, or a file of known points, base frame.",
+            rich_help_panel="Points",
+        ),
+    ] = "",
+    within: Annotated[
+        float, typer.Option(help="Largest distance of a point from its predicted place, mm.", rich_help_panel="Points")
+    ] = 50.0,
+    look: Annotated[
+        bool, typer.Option("--look", help="Show the column mapping, and write nothing.", rich_help_panel="Output")
+    ] = False,
     json: Json = None,
     trust: Trust = False,
 ) -> None:
-    """Make readings of a tracker's export: show what was taken for what, then write the table."""
+    """Convert a tracker's export into readings."""
     from qsframework.applications.importers import ImportWish
     from qsframework.cli.importing import ImportFiles, columns_of, run_import, words_of
 
@@ -347,13 +410,13 @@ def compare(
     fit: Annotated[list[str] | None, typer.Option(help="ROBOT=fit.json: its identified values.")] = None,
     jobs: Jobs = 1,
     dask: DaskAddress = None,
-    seed: Annotated[int, typer.Option(help="All randomness comes from this number.", min=0)] = 0,
+    seed: Seed = 0,
     json: Json = None,
     report: Report = None,
     anyway: Anyway = False,
     trust: Trust = False,
 ) -> None:
-    """Compare robots: deflection over the workspace and along a path, and what equally many poses would tell."""
+    """Compare robots: deflection, and predicted uncertainty."""
     from qsframework.cli.compare import run_compare
     from qsframework.work import Work
 
@@ -363,16 +426,18 @@ def compare(
 def new(
     name: Annotated[str, typer.Argument(help="The robot's name.", show_default=False)],
     urdf: Annotated[Path | None, typer.Option(help="Its URDF or xacro.")] = None,
-    dh: Annotated[Path | None, typer.Option(help="In its place a table: a_mm, alpha_deg, d_mm, theta_deg.")] = None,
+    dh: Annotated[
+        Path | None, typer.Option(help="Instead of a URDF, a table: a_mm, alpha_deg, d_mm, theta_deg.")
+    ] = None,
     modified: Annotated[bool, typer.Option("--modified", help="The table is the modified one (Craig).")] = False,
-    output: Annotated[Path | None, typer.Option("-o", "--output", help="Folder to make; the name if left out.")] = None,
-    base: Annotated[str | None, typer.Option(help="Link that stands still; the root if left out.")] = None,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Folder to make (default: the name).")] = None,
+    base: Annotated[str | None, typer.Option(help="Fixed link (default: the root).")] = None,
     flange: Annotated[str | None, typer.Option(help="Link that carries the tool.")] = None,
     payload: Annotated[float | None, typer.Option(help="Its payload, kg, from the manual.")] = None,
     package: Annotated[list[str] | None, typer.Option(help="NAME=FOLDER of a package that it names.")] = None,
     arg: Annotated[list[str] | None, typer.Option(help="NAME=VALUE for a xacro's $(arg NAME).")] = None,
 ) -> None:
-    """Make a robot's folder from a URDF or a table, try it, and say what is still to be looked up."""
+    """Make and test a robot's folder from a URDF or a table."""
     from qsframework.cli.new import run_new
     from qsframework.cli.pairs import pairs
     from qsframework.robot.new import Arm
@@ -390,8 +455,5 @@ def new(
 
 def add_commands(app: typer.Typer) -> None:
     """Register the commands."""
-    for command in (compensate, kinematics, certificate, export, protocol, day):
-        app.command()(command)
-    app.command("import")(import_files)
-    for command in (compare, new):
-        app.command()(command)
+    for command in (compensate, kinematics, certificate, export, protocol, day, import_files, compare, new):
+        app.command("import" if command is import_files else None, cls=Command)(command)

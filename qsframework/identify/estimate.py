@@ -1,4 +1,4 @@
-"""One identified parameter, and what is to be said of it, as a value and in words: files of results hold both."""
+"""One identified parameter, and its state."""
 
 from __future__ import annotations
 
@@ -24,16 +24,14 @@ _HELD = 1.05
 """Ratio of the sd of the readings alone to the quoted one from which a weak hold is worth a word."""
 _UNTOLD = 10.0
 """Natural sizes above which the sd of the readings alone makes a held parameter one that they do not tell."""
-_SHOWN = {"rad/(N m)": (1e6, "urad/(N m)"), "m/N": (1e6, "um/N"), "m": (1e3, "mm"), "rad": (1e3, "mrad")}
-"""The units in which the table of a fit shows values: a limit stands beside them."""
 
 
 class EstimateState(Enum):
     """What is to be said of an estimate."""
 
-    FINE = "fine"
+    FINE = "ok"
     FIXED = "fixed"
-    UPPER_LIMIT = "upper limit"
+    UPPER_LIMIT = "may be 0"
     AT_BOUND = "at bound"
     NOT_IDENTIFIABLE = "not identifiable"
     BEYOND_BOUND = "beyond bound"
@@ -74,11 +72,6 @@ class Estimate(FileRecord):
     def held(self) -> bool:
         """Whether the sd is much of a weak hold: the readings alone would give a larger one."""
         return self.sd > 0.0 and self.readings_sd > _HELD * self.sd
-
-    @property
-    def status(self) -> str:
-        """The state in words, "" where all is well."""
-        return _words(self)
 
 
 def estimate_of(p: Parameter, value: float, sd: float, free: float, alone: float | None = None) -> Estimate:
@@ -126,40 +119,3 @@ def _state(p: Parameter, value: float, sd: float, free: float) -> tuple[Estimate
     if sd > abs(value):
         return EstimateState.UPPER_LIMIT, abs(value) + _LIMIT * sd
     return EstimateState.FINE, None
-
-
-def _words(e: Estimate) -> str:
-    """The state of an estimate in words."""
-    share = f"{100 * e.free_sd / abs(e.initial):.0f} % of its nominal value" if e.initial else "above its value"
-    share = share if np.isfinite(e.free_sd) else "without limit"
-    end = f"at its {'lower' if e.value - e.lower < e.upper - e.value else 'upper'} bound {e.value:g}"
-    if e.state is EstimateState.FIXED:
-        return "fixed"
-    if e.state is EstimateState.AT_BOUND:
-        return f"{end}: it errs to one side only, so no sd is quoted"
-    if e.state is EstimateState.NOT_IDENTIFIABLE:
-        if np.isnan(e.sd):
-            return f"not identifiable from these readings: {end}, and without it its sd is {share}"
-        if e.held:
-            alone = "without limit" if np.isinf(e.readings_sd) else _in_unit(e.readings_sd, e.unit)
-            return f"not identifiable: the readings alone give an sd {alone}; held near its nominal value"
-        return f"not identifiable from these readings: its sd is {share}"
-    if e.state is EstimateState.BEYOND_BOUND:
-        side = f"below its bound {e.lower:g}" if e.value < e.lower else f"above its bound {e.upper:g}"
-        if e.limit is None:
-            return f"{side}: the model or a convention is wrong"
-        return f"{side}, by less than its sd" + (f": {_zero(e)}" if e.sd > abs(e.value) else "")
-    if e.state is EstimateState.OUTSIDE_PRIOR and e.prior_sd is not None:
-        return f"{abs(e.value - e.initial) / e.prior_sd:.0f} prior sds from its initial value"
-    if e.state is EstimateState.IMPLAUSIBLE:
-        return f"implausible: {abs(e.value - e.initial) / e.size:.0f} natural sizes from its initial value"
-    return _zero(e) if e.state is EstimateState.UPPER_LIMIT else ""
-
-
-def _zero(e: Estimate) -> str:
-    return f"could be zero: at most {_in_unit(e.limit or 0.0, e.unit)}"
-
-
-def _in_unit(value: float, unit: str) -> str:
-    factor, shown = _SHOWN.get(unit, (1.0, unit))
-    return f"{factor * value:.3g} {shown}".rstrip()

@@ -356,7 +356,7 @@ def _advice(
     badly = [e for e in estimates if e.state is EstimateState.NOT_IDENTIFIABLE and e.name in {*model.names} - placed]
     return (
         *(f"{name}: {what_would_help(model, name, poses)}" for name in silent),
-        *(f"{e.name}: {e.status}; {what_would_help(model, e.name, poses)}." for e in badly),
+        *(f"{e.name}: {e.state.value}; {what_would_help(model, e.name, poses)}." for e in badly),
     )
 
 

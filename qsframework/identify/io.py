@@ -12,6 +12,7 @@ import numpy as np
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError, Problem
 from qsframework.files import write_text, yaml_text
+from qsframework.identify.estimate import EstimateState
 from qsframework.identify.fit import Fit
 from qsframework.identify.soundness import check_fit
 from qsframework.plugin import Array, Context, Geometry, Loop, Parameter, Poses, laws
@@ -82,7 +83,7 @@ def _entries(fit: Fit, parameters: Sequence[Parameter], source: str) -> dict[str
     for p in parameters:
         if p.name in found:
             e = found[p.name]
-            told = f"{source}; {e.status}" if e.status else source
+            told = source if e.state is EstimateState.FINE else f"{source}; {e.state.value}"
             out[p.name] = nominal_entry(
                 p.identified_by(fit.account.hashes), e.value, e.sd if e.sd > 0.0 else None, told
             )

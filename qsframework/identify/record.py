@@ -32,6 +32,7 @@ from qsframework.files import (
 )
 from qsframework.files.formats import FORMAT, check_format
 from qsframework.files.plain import is_list
+from qsframework.identify.columns import values_of
 from qsframework.identify.estimate import Estimate
 from qsframework.identify.held import Held
 from qsframework.identify.selection import LeftAside
@@ -204,8 +205,11 @@ class FitRecord(FileRecord):
     def as_json(self) -> dict[str, Any]:
         """What `fit.json` holds: the record, and beside it what people look for and `read_fit` passes over."""
         out = as_file(self, FitRecord)
-        for e, total in zip(self.estimates, self.sd_total, strict=True):
-            out["estimates"][e.name] |= {"sd_total": None if math.isnan(e.sd) else total, "status": e.status}
+        columns = values_of(self)
+        for key in columns.keys() - {"parameter"}:
+            for name, value in zip(self.names, columns[key], strict=True):
+                unknown = value is None or (isinstance(value, float) and math.isnan(value))
+                out["estimates"][name].setdefault(key, None if unknown else value)
         more = {"p_value": self.p_value, "masked_rows": list(self.masked_rows)}
         return {"format": FORMAT, "parameters": list(self.names), **out, **more}
 

@@ -15,6 +15,7 @@ from qsframework.diagnose import Diagnosis
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Plan, Readings
 from qsframework.identify import Fit
+from qsframework.identify.columns import values_of
 from qsframework.identify.validate import Validation
 from qsframework.plugin import Array
 from qsframework.report.blocks import ReportTable, Verdict
@@ -94,17 +95,8 @@ def face(result: Any) -> Face:
 
 @face.register
 def _fit(fit: Fit) -> Face:
-    columns: dict[str, Any] = {
-        "parameter": fit.names,
-        "value": [e.value for e in fit.estimates],
-        "sd": [e.sd for e in fit.estimates],
-        "sd_total": fit.sd_total,
-        "unit": [e.unit for e in fit.estimates],
-        "initial": [e.initial for e in fit.estimates],
-        "state": [e.state.value for e in fit.estimates],
-    }
-    tables = (fit_table(fit), *error_tables(fit))
-    return Face(_said(fit_verdict(fit)), tables, columns, lambda: parameter_figure(fit).figure)
+    tables = (fit_table(fit, brief=True), *error_tables(fit))
+    return Face(_said(fit_verdict(fit)), tables, values_of(fit), lambda: parameter_figure(fit).figure)
 
 
 @face.register

@@ -10,13 +10,14 @@ from qsframework.estimation import rms
 from qsframework.experiment import Experiment, Readings
 from qsframework.experiment.observations import values_before
 from qsframework.identify import Estimate, Fit, FitRecord, Masked
+from qsframework.identify.columns import COLUMNS, OWN, Column
 from qsframework.report.blocks import Block, ReportTable, SceneView, Section, Text
 from qsframework.report.fit_plots import fit_figures, residual_figures, workspace_figure
 from qsframework.report.moved_section import moved_table, moved_words
 from qsframework.report.numbers import MATRIX
 from qsframework.report.parameter_plots import correlation_blocks, correlation_figure
 from qsframework.report.residual_view import residual_view
-from qsframework.report.words.fit import alignment_words, first_words, verdict_words
+from qsframework.report.words.fit import STATES, alignment_words, first_words, listed_names, verdict_words
 from qsframework.report.words.sizes import shown, stiffness_words, with_sd
 
 _SAME = 1.005
@@ -24,57 +25,54 @@ _SAME = 1.005
 _MOST_PERCENT = 999.0
 
 
-def fit_table(fit: Fit, truth: dict[str, float] | None = None, stiffness: bool = False) -> ReportTable:
-    """Value ± sd, initial, status of each estimate; with the truth where a simulation knows it, and with the stiffness
-    beside a compliance where there is room for it."""
-    rows: list[tuple[str, ...]] = []
-    stiff = stiffness and any(stiffness_words(e.unit, e.value) for e in fit.estimates)
+def fit_table(fit: Fit, truth: dict[str, float] | None = None, brief: bool = False) -> ReportTable:
+    """The columns of each estimate, those of frames and touched points last; with the truth where a simulation knows
+    it. Columns that say nothing are left out, and, of a brief table, those that evidence has room for."""
+    every = COLUMNS if truth is None else [*(c for c in COLUMNS[:-1] if c.brief), *_compared(truth), COLUMNS[-1]]
+    columns = [c for c in every if c.head and (c.brief or not brief)]
+    estimates = sorted(fit.estimates, key=lambda e: e.name.startswith(("frame", "point[", "plane[")))
+    cells = {c.head: [_cell(c, fit, e) for e in estimates] for c in columns}
+    cells = {head: column for head, column in cells.items() if set(column) != {"-"}}
+    states = {e.state: STATES[e.state] for e in fit.estimates if e.state in STATES}
+    legend = "".join(f" {state.value.capitalize()}: {words}." for state, words in states.items())
     held = any(e.held for e in fit.estimates)
-    for e in fit.estimates:
-        unit = shown(e.value, e.unit)[1]
-        initial = shown(e.initial, e.unit)[0]
-        percent = _percent(100 * e.sd / abs(e.initial)) if e.initial and _quoted(e) else "-"
-        row = [
-            e.name,
-            _value(e),
-            unit,
-            *([stiffness_words(e.unit, e.value) or "-"] if stiff else []),
-            percent,
-            *([_alone(e)] if held else []),
-            f"{initial:.4g}",
-        ]
-        if truth is not None:
-            true = truth[e.name]
-            error = f"{(e.value - true) / e.sd:+.2f}" if _quoted(e) else "-"
-            row += [f"{shown(true, e.unit)[0]:.4g}", error]
-        rows.append((*row, e.status or "ok"))
-    extra = () if truth is None else ("truth", "error / sd")
     return ReportTable(
-        (
-            "parameter",
-            "value ± sd",
-            "unit",
-            *(("stiffness",) if stiff else ()),
-            "sd, % of initial",
-            *(("sd of the readings alone",) if held else ()),
-            "initial",
-            *extra,
-            "status",
-        ),
-        tuple(rows),
+        tuple(cells),
+        tuple(zip(*cells.values(), strict=True)),
         f"Method: {fit.method}, {'linear model' if fit.linear else 'full equilibrium'}. {_total(fit)}"
-        f"Noise of one coordinate: {fit.sigma * 1e3:.4f} mm, "
-        f"{fit.sigma_source}{_shared(fit)}. A parameter whose sd is above 100 % of its initial value "
-        "cannot be identified from these readings; one at a bound has no sd."
+        f"Noise of one coordinate: {fit.sigma * 1e3:.4f} mm, {fit.sigma_source}{_shared(fit)}.{legend}"
         + (" Geometry and markers are held weakly near their nominal values." if held else ""),
     )
 
 
-def _alone(e: Estimate) -> str:
-    """The sd that the readings alone give, where a weak hold makes the quoted one smaller."""
-    if not e.held:
+def _compared(truth: dict[str, float]) -> tuple[Column, ...]:
+    """The columns of a simulation, whose true values are known."""
+    return (
+        Column(head="truth", value=lambda _, e: truth[e.name], unit=OWN, brief=True),
+        Column(
+            head="error / sd",
+            value=lambda _, e: (e.value - truth[e.name]) / e.sd if _quoted(e) else np.nan,
+            brief=True,
+        ),
+    )
+
+
+def _cell(column: Column, fit: Fit, e: Estimate) -> str:
+    """A cell as people read it; "-" for nothing."""
+    value = column.value(fit, e)
+    if isinstance(value, str):
+        return shown(1.0, value)[1] if column.unit == OWN else value
+    if column.sd is not None:
+        return _value(e)
+    if value is None or np.isnan(value):
         return "-"
-    return f"{shown(e.readings_sd, e.unit)[0]:.3g}" if np.isfinite(e.readings_sd) else "no limit"
+    if np.isinf(value):
+        return "no limit"
+    if column.unit == "%":
+        return _percent(100 * value)
+    if column.unit == "stiffness":
+        return stiffness_words(e.unit, 1.0 / value)
+    return f"{shown(value, e.unit)[0]:.4g}" if column.unit == OWN else f"{value:+.2f}"
 
 
 def _percent(share: float) -> str:
@@ -189,7 +187,7 @@ def _errors(title: str, rows: Sequence[tuple[str, float]], note: str) -> ReportT
     return ReportTable(
         (title, "mm"),
         tuple((name, f"{value * 1e3:.4f}") for name, value in rows),
-        "Leave-one-pose-out counts: it is the error at poses that the fit has not seen." + note,
+        "Quote leave-one-pose-out: it is the prediction error." + note,
     )
 
 
@@ -221,20 +219,20 @@ def point_table(fit: Fit) -> ReportTable:
 
 
 def left_aside_table(fit: Fit) -> ReportTable:
-    """Parameters that these readings cannot tell."""
+    """Parameters that were requested and that these readings cannot identify."""
     rows = tuple(
         (
             entry.name,
-            "no effect" if not entry.absorbed_by else ", ".join(entry.absorbed_by),
+            listed_names(entry.absorbed_by) or "no effect",
             "-" if np.isinf(entry.sd) else f"{entry.sd:.2g}",
         )
         for entry in fit.left_aside
     )
     note = (
-        "Asked for and not estimated: they stay at their nominal values. The last column: the sd if one were fitted "
-        "too, in its natural sizes; - where these readings do not tell it at all."
+        "Requested but not identifiable; kept at nominal. sd: if also estimated, in units of its typical value; -: no "
+        "information."
     )
-    return ReportTable(("left aside", "absorbed by, or looks like", "sd"), rows, note)
+    return ReportTable(("not estimated", "correlated with", "sd"), rows, note)
 
 
 def fit_section(fit: Fit, title: str, truth: dict[str, float] | None = None) -> Section:
@@ -257,7 +255,7 @@ def fit_sections(
             "Parameters and errors",
             (
                 *(() if before is None else (Text(moved_words(fit, before)), moved_table(fit, before))),
-                *_answer(fit, fit_table(fit, stiffness=True), before),
+                *_answer(fit, fit_table(fit), before),
             ),
         ),
         Section("Residuals on the robot", (_on_the_robot(fit, experiment, readings), *where)),

@@ -44,16 +44,16 @@ def test_simulated_readings_say_what_made_them(simulated: Path, tmp_path: Path) 
 
 @pytest.mark.parametrize("linear", [False, True])
 def test_readings_of_the_other_model_are_told_first(simulated: Path, linear: bool, tmp_path: Path) -> None:
-    """One line before the verdict where the model of the fit did not make the readings; else none."""
+    """One line below the verdict where the model of the fit did not make the readings; else none."""
     path = tmp_path / "other.csv"
     run("simulate", M900IB, PLAN, "-o", str(path), "--seed", "5", *(() if linear else ("--linear",)))
     more = ("--linear",) if linear else ()
-    first = run("identify", M900IB, str(path), *more).splitlines()[0]
+    first = run("identify", M900IB, str(path), *more).split("\nparameter ")[0]
     made, fitted = ("full equilibrium", "linear model") if linear else ("linear model", "full equilibrium")
     assert made in first
     assert fitted in first
     own = run("identify", M900IB, str(simulated if not linear else path), *(() if linear else more))
-    assert made not in own.splitlines()[0] or fitted not in own.splitlines()[0]
+    assert made not in (head := own.split("\nparameter ")[0]) or fitted not in head
 
 
 def test_measured_readings_and_changed_ones_were_made_by_no_model(simulated: Path) -> None:

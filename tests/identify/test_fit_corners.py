@@ -97,7 +97,6 @@ def test_a_hung_arm_whose_readings_say_nothing(m900ib: Experiment) -> None:
     assert all(abs(e.value) < 1e-9 for e in fit.estimates)
     for e in fit.estimates:
         assert (e.state is EstimateState.UPPER_LIMIT) or e.value < 0.0, e
-        assert "could be zero: at most" in e.status
         assert e.limit is not None
         assert e.limit == pytest.approx(abs(e.value) + 1.96 * e.sd)
 

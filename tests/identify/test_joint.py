@@ -24,7 +24,7 @@ from qsframework.experiment import (
     write_readings,
 )
 from qsframework.experiment.readings import joined
-from qsframework.identify import identify
+from qsframework.identify import EstimateState, identify
 from qsframework.plugin import Array, Poses
 from tests.identify.arm import arm_text, position_readings, spoilt
 
@@ -128,7 +128,7 @@ def test_fixed_and_tied(arm: Experiment) -> None:
     fixed, pair = names[0], (names[3], names[4])
     fit = identify(arm, p, NAMES, replace(KEEP, fixed=(fixed,), tied=(pair,)))
     model = arm.model()
-    assert [e.name for e in fit.estimates if e.status == "fixed"] == [fixed]
+    assert [e.name for e in fit.estimates if e.state is EstimateState.FIXED] == [fixed]
     assert fit.x[model.index([fixed])] == model.nominal[model.index([fixed])]
     at = model.index(list(pair))
     assert fit.x[at[0]] / fit.x[at[1]] == pytest.approx(model.nominal[at[0]] / model.nominal[at[1]], rel=1e-9)

@@ -99,7 +99,6 @@ def test_the_physical_balancer_is_not_identifiable(m900ib: Experiment, options: 
     assert estimate.state is EstimateState.NOT_IDENTIFIABLE
     if not np.isnan(estimate.sd):
         assert estimate.sd > estimate.initial
-        assert f"its sd is {100 * estimate.sd / estimate.initial:.0f} % of its nominal value" in estimate.status
     others = [e for e in fit.estimates if e.name != BALANCER]
     assert all(e.state is EstimateState.FINE for e in others)
 

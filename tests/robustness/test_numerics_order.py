@@ -79,7 +79,7 @@ def same_fits(found: Fit, wanted: Fit) -> None:
     for name, e in b.items():
         assert a[name].value == pytest.approx(e.value, rel=1e-9, abs=1e-9 * e.sd)
         assert a[name].sd == pytest.approx(e.sd, rel=1e-9)
-        assert a[name].status == e.status
+        assert a[name].state is e.state
     assert found.chi2 == pytest.approx(wanted.chi2, rel=1e-9)
     order_a, order_b = (np.argsort(fit.lines) for fit in (found, wanted))
     np.testing.assert_array_equal(found.lines[order_a], wanted.lines[order_b])

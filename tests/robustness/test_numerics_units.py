@@ -57,7 +57,7 @@ def same_fits(found: Fit, wanted: Fit, factors: Array, stepwise: bool = False) -
     lever = float(np.abs(wanted.left_out).max() / np.abs(wanted.residuals).max())
     same(found.left_out, wanted.left_out, 1e-8, max(rounding * max(lever, 1.0), 1e-9 * wanted.sigma))
     assert found.rank.rank == wanted.rank.rank
-    assert [e.status == "" for e in found.estimates] == [e.status == "" for e in wanted.estimates]
+    assert [e.state for e in found.estimates] == [e.state for e in wanted.estimates]
 
 
 @few(6)

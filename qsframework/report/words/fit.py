@@ -16,8 +16,18 @@ from qsframework.report.blocks import Mark, Verdict
 from qsframework.report.words.sizes import mm
 
 _NAMED = 3
+STATES = {
+    EstimateState.FIXED: "held at its value",
+    EstimateState.UPPER_LIMIT: "within its sd of zero",
+    EstimateState.AT_BOUND: "errs to one side only, so no sd is quoted",
+    EstimateState.NOT_IDENTIFIABLE: "the sd of the readings exceeds what the value can be",
+    EstimateState.BEYOND_BOUND: "outside what is possible; by more than 2 sd the model or a convention is wrong",
+    EstimateState.OUTSIDE_PRIOR: "more than 5 sigma of its prior from nominal",
+    EstimateState.IMPLAUSIBLE: "more than 100 typical sizes from nominal",
+}
+"""What the states of estimates mean, but for that which is well."""
 _KNOWN = (EstimateState.FINE, EstimateState.OUTSIDE_PRIOR)
-"""Of parameters whose value the readings tell, also where it surprises."""
+"""Of parameters that the readings identify, also where the value surprises."""
 
 
 def first_words(fit: Fit) -> tuple[str, ...]:
@@ -32,9 +42,9 @@ def first_words(fit: Fit) -> tuple[str, ...]:
                 "differs between the two is not noise."
             )
     if fit.alignments:
-        out.append("States are read as differences, loaded minus unloaded.")
+        out.append("Loaded and unloaded records are used as differences, loaded minus unloaded.")
     elif fit.position.any():
-        out.append("States are read as positions.")
+        out.append("Loaded and unloaded records are used as absolute positions.")
     return tuple(out)
 
 
@@ -44,11 +54,11 @@ def verdict_words(fit: Fit) -> str:
     if wrong := impossible(fit):
         agree = "" if p is None or p < SIGNIFICANT else ", though the residuals agree with the stated noise"
         return (
-            f"No arm has {_listed(wrong)} as the table says{agree}: a sign, a unit or a convention of the readings "
-            "or of the robot is wrong. A fit within bounds only hides it: look for the cause, `qsf diagnose`."
+            f"No arm has {listed_names(wrong)} as the table says{agree}: a sign, a unit or a convention of the "
+            "readings or of the robot is wrong. A fit within bounds only hides it: look for the cause, `qsf diagnose`."
         )
     if p is None:
-        return "The noise is estimated from the residuals, so they cannot say whether the model is right."
+        return "Noise was estimated from the residuals: no goodness-of-fit test is possible."
     ratio = float(np.sqrt(fit.chi2 / fit.dof))
     said = f"chi-square {fit.chi2:.1f} on {fit.dof} degrees of freedom, p = {p:.2g}"
     if p > 1.0 - SIGNIFICANT:
@@ -112,13 +122,13 @@ def fit_verdict(fit: Fit, poses: Poses | None = None) -> Verdict:
     mark, word = Mark.GOOD, "Identified"
     if unknown:
         mark, word = Mark.LOOK, "Partially identified"
-        told += f", not {_listed(unknown)}"
+        told += f". Not identified: {listed_names(unknown)}"
         advised = next((n for n in unknown if n in fit.model.names), "")
         if advised and poses is not None and len(unknown) <= _NAMED:
             told += f". {advised}: {what_would_help(fit.model, advised, poses)}"
     if far:
         mark = Mark.LOOK
-        told += f"{'' if told.endswith('.') else '.'} Outside its prior: {_listed(far)}"
+        told += f"{'' if told.endswith('.') else '.'} Outside its prior: {listed_names(far)}"
     if not np.isfinite(after) or (p is not None and p > 1.0 - SIGNIFICANT):
         mark = Mark.LOOK
     if p is not None and p < SIGNIFICANT:
@@ -146,6 +156,7 @@ def _all(total: int) -> str:
     return "its one parameter is" if total == 1 else f"all {total} parameters are"
 
 
-def _listed(names: Sequence[str]) -> str:
+def listed_names(names: Sequence[str]) -> str:
+    """The first names, and how many more."""
     shown = ", ".join(names[:_NAMED])
     return shown if len(names) <= _NAMED else f"{shown} and {len(names) - _NAMED} more"

@@ -1,0 +1,99 @@
+"""`--help`: options in groups; what many commands share is explained once, by `qsf --help`."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+from typer.core import TyperCommand, TyperGroup
+
+from qsframework.cli.options import SHARED
+from qsframework.terminal import folded, paragraphs, width
+
+_VALUES = {"int": "N", "float": "X", "path": "FILE", "file": "FILE", "Path": "FILE"}
+"""What stands for a value of a type; TEXT for others."""
+_LEFT = 26
+"""Columns of the names; a longer one has a line of its own."""
+
+Row = tuple[str, str]
+
+
+def _rows(rows: Iterable[Row], room: int) -> Iterator[str]:
+    """Names with their words beside them."""
+    for name, words in rows:
+        if len(name) > _LEFT - 4:
+            yield f"  {name}"
+            name = ""
+        yield folded(f"  {name.ljust(_LEFT - 3)} {words}", room, " " * _LEFT)
+
+
+def _option(option: Any, ctx: Any) -> Row:
+    """An option's names with its value, and its help with its default."""
+    kind = re.split(r"\W", option.display_type(ctx).replace("list[", "").strip("<"))[0]
+    value = "" if option.is_flag else f" {option.metavar or _VALUES.get(kind, 'TEXT')}"
+    words = option.help or ""
+    default = option.default
+    if not (default in (None, "") or isinstance(default, bool) or callable(default) or option.show_default is False):
+        words += f" [{default:g}]" if isinstance(default, float) else f" [{default}]"
+    return ", ".join((*option.opts, *option.secondary_opts)) + value, words
+
+
+def argument_name(argument: Any) -> str:
+    """How usage writes an argument."""
+    name = argument.metavar or argument.name.upper() + ("..." if argument.nargs == -1 else "")
+    return name if argument.required or argument.metavar else f"[{name}]"
+
+
+def _shared(option: Any) -> bool:
+    """Whether `qsf --help` explains the option."""
+    own = SHARED.get(option.opts[0])
+    return own is not None and option.help == own.help
+
+
+def _groups(options: Iterable[Any], ctx: Any, room: int) -> Iterator[str]:
+    """Options under the titles of their groups, in the order of their first ones."""
+    groups: dict[str, list[Row]] = {}
+    for option in options:
+        groups.setdefault(option.rich_help_panel or "Options", []).append(_option(option, ctx))
+    for title, rows in groups.items():
+        yield from ("", f"{title}:")
+        yield from _rows(rows, room)
+
+
+def _options(command: Any) -> list[Any]:
+    return [p for p in command.params if p.param_type_name == "option" and not p.hidden]
+
+
+class Command(TyperCommand):
+    """A command with its help."""
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Usage, what the command does, its arguments, its options in groups, the names of shared ones."""
+        room = width()
+        named: list[Any] = [p for p in self.params if p.param_type_name == "argument"]
+        arguments = [(argument_name(p), p.help or "") for p in named]
+        usage = " ".join([ctx.command_path, "[OPTIONS]", *(name for name, _ in arguments)])
+        lines = [*paragraphs(f"Usage: {usage}", room), *paragraphs(" ".join((self.help or "").split()), room)]
+        lines += ["", *_rows(arguments, room)] if arguments else []
+        options = _options(self)
+        lines += _groups((o for o in options if not _shared(o)), ctx, room)
+        names = [o.opts[0] for o in options if _shared(o)]
+        if names:
+            lines += ["", *paragraphs(f"Also {', '.join([*names, '--help'])}: see `qsf --help`.", room)]
+        formatter.write("\n".join(lines) + "\n")
+
+
+class Group(TyperGroup):
+    """`qsf` with its help."""
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Usage, the commands, and the options that many of them share."""
+        room = width()
+        commands = [(name, command.help or "") for name, command in self.commands.items()]
+        shared = [(name, one.help or "") for name, one in SHARED.items()]
+        lines = ["Usage: qsf [OPTIONS] COMMAND ...", *paragraphs(self.help or "", room), "", "Commands:"]
+        lines += [folded(f"  {name:<13}{words}", room, " " * 15) for name, words in commands]
+        lines += ["", "Options of many commands:", *_rows(shared, room)]
+        lines += _groups((o for o in _options(self) if not _shared(o)), ctx, room)
+        formatter.write("\n".join(lines) + "\n")

@@ -1,0 +1,68 @@
+"""What is shown of each estimate of a fit, declared once: tables, fit.json and the data frame read it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from qsframework.identify.estimate import Estimate
+
+if TYPE_CHECKING:
+    from qsframework.identify.record import FitRecord
+
+OWN = "own"
+"""The unit of a column whose numbers are in the unit of their parameter."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Column:
+    """One number or word of each estimate.
+
+    key: in fit.json and in the data frame, "" in neither; head: over the column of a table, "" in none; value: of a fit
+    and one of its estimates, SI, None or NaN where it has none; sd: of the value, shown beside it; unit: OWN or SI;
+    brief: also where room is scarce
+    """
+
+    key: str = ""
+    head: str = ""
+    value: Callable[[FitRecord, Estimate], Any]
+    sd: Callable[[FitRecord, Estimate], float] | None = None
+    unit: str = ""
+    brief: bool = False
+
+
+def _stiffness(e: Estimate) -> float:
+    return 1.0 / e.value if e.unit in ("rad/(N m)", "m/N") and e.value > 0.0 else math.nan
+
+
+def _share(e: Estimate) -> float:
+    """The sd as a share of the initial value, where both are there."""
+    return e.sd / abs(e.initial) if e.initial and e.sd > 0.0 else math.nan
+
+
+COLUMNS = [
+    Column(key="parameter", head="parameter", value=lambda _, e: e.name, brief=True),
+    Column(key="value", head="value ± sd", value=lambda _, e: e.value, sd=lambda _, e: e.sd, unit=OWN, brief=True),
+    Column(key="sd", value=lambda _, e: e.sd, unit=OWN),
+    Column(key="sd_total", value=lambda fit, e: fit.sd_total[fit.names.index(e.name)] + 0.0 * e.sd, unit=OWN),
+    Column(key="unit", head="unit", value=lambda _, e: e.unit, unit=OWN, brief=True),
+    Column(head="stiffness", value=lambda _, e: _stiffness(e), unit="stiffness"),
+    Column(head="sd, %", value=lambda _, e: _share(e), unit="%", brief=True),
+    Column(
+        key="readings_sd",
+        head="sd of the readings alone",
+        value=lambda _, e: e.readings_sd if e.held else math.nan,
+        unit=OWN,
+    ),
+    Column(key="limit", head="95 % limit", value=lambda _, e: e.limit, unit=OWN),
+    Column(key="initial", head="initial", value=lambda _, e: e.initial, unit=OWN, brief=True),
+    Column(key="state", head="status", value=lambda _, e: e.state.value, brief=True),
+]
+"""The columns, in their order."""
+
+
+def values_of(fit: FitRecord) -> dict[str, list[Any]]:
+    """The columns that have a key, each with the values of all estimates, SI."""
+    return {c.key: [c.value(fit, e) for e in fit.estimates] for c in COLUMNS if c.key}
