@@ -24,6 +24,10 @@ from qsframework.files import sha256
 
 if TYPE_CHECKING:
     from qsframework.diagnose import Diagnosis
+    from qsframework.discriminate import FollowUp
+
+SECOND_DAY = "follow-up.csv"
+"""The plan of the visits that settle what a day's diagnosis leaves open."""
 
 _POLL = 0.5
 """Seconds between two looks into the watched folder; a file has stopped changing that has not changed meanwhile."""
@@ -272,23 +276,27 @@ def finish(day: Day, files: DayFiles) -> list[str]:
     experiment = day.experiment
     day = reread(day)
     readings = accepted(day)
-    fit = identify(experiment, readings)
-    write_json(folder / "fit.json", fit.as_json())
-    title, verdict = f"Identification: {experiment.robot.title}", fit_verdict(fit, readings.poses)
-    write_report(folder / "fit.html", title, fit_sections(fit, experiment, readings), verdict)
-    out.append(f"fit.json, fit.html: {verdict_words(fit)}")
     if day.record.doubtful:
         out.append(f"{len(day.record.doubtful)} states wait for a decision and are left out")
+    try:
+        fit = identify(experiment, readings)
+        write_json(folder / "fit.json", fit.as_json())
+        title, verdict = f"Identification: {experiment.robot.title}", fit_verdict(fit, readings.poses)
+        write_report(folder / "fit.html", title, fit_sections(fit, experiment, readings), verdict)
+        out.append(f"fit.json, fit.html: {verdict_words(fit)}")
+    except QsfError as error:
+        return [*out, f"no fit, no diagnosis and no certificate: {error}"]
     found: Diagnosis | None = None
     try:
         found = diagnose(experiment, readings)
+        after, said = second_day(found, folder)
         write_report(
             folder / "diagnosis.html",
             f"Diagnosis: {experiment.robot.title}",
-            diagnosis_sections(found, [files.experiment, day.record.table]),
+            diagnosis_sections(found, [files.experiment, day.record.table], day=after),
             diagnosis_verdict(found),
         )
-        out.append(f"diagnosis.html: {headline(found)}")
+        out += [f"diagnosis.html: {headline(found)}", *said]
     except QsfError as error:
         out.append(f"no diagnosis: {error}")
     try:
@@ -296,6 +304,23 @@ def finish(day: Day, files: DayFiles) -> list[str]:
     except QsfError as error:
         out.append(f"no certificate: {error}")
     return out
+
+
+def second_day(found: Diagnosis, folder: Path) -> tuple[FollowUp | None, list[str]]:
+    """The visits that would settle what a diagnosis leaves open, as a plan in the day's folder, and what is said of
+    them; none where nothing is open."""
+    from qsframework.discriminate import follow_up
+    from qsframework.experiment import write_plan
+    from qsframework.report.words.discrimination import follow_up_words
+
+    if found.verdict == "none":
+        return None, []
+    try:
+        after = follow_up(found)
+    except QsfError as error:
+        return None, [f"no plan of a second day: {error}"]
+    write_plan(folder / SECOND_DAY, after.plan, found.experiment)
+    return after, [f"{SECOND_DAY}: {' '.join(follow_up_words(after))}"]
 
 
 def certificate_of(experiment: Experiment, readings: Readings, found: Diagnosis | None, folder: Path) -> list[str]:

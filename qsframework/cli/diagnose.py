@@ -12,6 +12,7 @@ from qsframework.cli.progress import Tell, progress
 from qsframework.diagnose import LEVEL, STEPS, Diagnosis, diagnose
 from qsframework.diagnose.extend import check_folder
 from qsframework.discriminate import Discrimination, FollowUp
+from qsframework.discriminate.mounts import mounts_of
 from qsframework.discriminate.separations import separations
 from qsframework.errors import InputError
 from qsframework.experiment import load_experiment, read_readings
@@ -37,14 +38,16 @@ class DiagnoseFiles:
     output: Path | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Asked:
-    """How to diagnose; follow_up: visits of a second day, 0: none; separate: two causes that `count` poses are to tell
-    apart, instead of a diagnosis; verbose: list all causes, also those that are excluded or invisible."""
+    """How to diagnose; follow_up: visits of a second day, 0: none, without: links that take no reflector; separate:
+    two causes that `count` poses are to tell apart, instead of a diagnosis; verbose: list all causes, also those that
+    are excluded or invisible."""
 
     level: float = LEVEL
     seed: int = 0
     follow_up: int = 0
+    without: tuple[str, ...] = ()
     count: int = 12
     separate: tuple[str, str] | None = None
     verbose: bool = False
@@ -69,6 +72,7 @@ def run_diagnose(files: DiagnoseFiles, asked: Asked, work: Work = HERE) -> None:
         run_separate(files.experiment, list(sources), asked.separate, asked.count, output, files.json, asked.seed)
         return
     plan = (files.output or Path("follow-up.csv")) if asked.follow_up else None
+    mounts_of(experiment, asked.without)
     outputs = (files.json, files.report, plan)
     distinct_outputs(outputs, [files.experiment, *sources], folder=files.extend)
     if files.extend is not None:
@@ -84,7 +88,7 @@ def run_diagnose(files: DiagnoseFiles, asked: Asked, work: Work = HERE) -> None:
     day, lost = None, None
     if plan is not None:
         try:
-            day = run_follow_up(found, asked.follow_up, plan, asked.seed)
+            day = run_follow_up(found, asked.follow_up, plan, asked.without, asked.seed)
         except InputError as error:  # nothing is open: the other files are written all the same
             lost = InputError(f"--follow-up: {error}")
     _write(found, pairs, day, files, [files.experiment, *sources])

@@ -115,12 +115,14 @@ def _left_over(experiment: Experiment, taken: Sequence[Plan | Readings]) -> floa
     return None
 
 
-def run_follow_up(diagnosis: Diagnosis, count: int, output: Path, seed: int = 0) -> FollowUp:
+def run_follow_up(
+    diagnosis: Diagnosis, count: int, output: Path, without: Sequence[str] = (), seed: int = 0
+) -> FollowUp:
     """Choose the visits that settle what a diagnosis leaves open, write them as a plan and say what they would tell."""
     from qsframework.report.words.discrimination import follow_up_words
 
     with progress() as tell:
-        found = follow_up(diagnosis, count, seed=seed, progress=tell)
+        found = follow_up(diagnosis, count, without=without, seed=seed, progress=tell)
     write_plan(output, found.plan, diagnosis.experiment)
     for line in follow_up_words(found):
         print_folded(line)

@@ -487,6 +487,15 @@ def diagnose(
             rich_help_panel="Further poses",
         ),
     ] = 0,
+    without: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="<LINK>",
+            help="A link that nobody can mount a reflector on (world: the floor; gauges: no dial gauge); may stand "
+            "more than once.",
+            show_default=False,
+        ),
+    ] = None,
     separate: Annotated[
         tuple[str, str] | None,
         typer.Option(help="CAUSE CAUSE: only design poses that separate these two.", rich_help_panel="Further poses"),
@@ -533,7 +542,16 @@ def diagnose(
         plan=next(iter(given.get("plan", ())), None),
         output=output,
     )
-    run_diagnose(paths, Asked(level, seed, follow_up, count, separate, verbose), Work(jobs, dask))
+    asked = Asked(
+        level=level,
+        seed=seed,
+        follow_up=follow_up,
+        without=tuple(without or ()),
+        count=count,
+        separate=separate,
+        verbose=verbose,
+    )
+    run_diagnose(paths, asked, Work(jobs, dask))
 
 
 add_commands(app)

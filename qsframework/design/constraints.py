@@ -266,7 +266,7 @@ def _check_sight(experiment: Experiment, placed: Frames) -> Flags:
             site = experiment.site(marker.link, marker.xyz)
             good &= visible(robot.shapes, placed, sight.station, site.link, site.xyz, sight.clearance)
             if sight.incidence_max is not None and marker.normal is not None:
-                normal = robot.frames[marker.link].placement[:3, :3] @ marker.normal
+                normal = experiment.frame_of(marker.link).placement[:3, :3] @ marker.normal
                 good &= incidence(placed, sight.station, site.link, site.xyz, normal) <= sight.incidence_max
     return good
 

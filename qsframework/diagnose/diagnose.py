@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain
 
@@ -337,6 +338,12 @@ def _start(experiment: Experiment, readings: Readings) -> _Start:
             raise
         said = f"{error}. These readings do not tell {', '.join(untold)}: kept at the nominal value"
         raise NotConverged(said) from error
+    again, other = split_told(replace(seen, x=fit.x, frames=fit.frames))
+    if again != names:  # at the solution they tell others than they seemed to at the guess
+        at = model.index(list(again))
+        x[at] = fit.x[at]
+        with suppress(NotConverged):
+            fit, untold = settle_fit(model, rows, again, x, frames=fit.frames), other
     return _Start(experiment, readings, rows, fit, untold)
 
 

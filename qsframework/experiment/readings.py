@@ -172,6 +172,14 @@ class Readings(Viewed):
         """The same states at other angles or under other loads."""
         return replace(self, states=replace(self.states, poses=poses))
 
+    def gauged(self, rows: npt.NDArray[np.bool_], along: Array, sd: float) -> Readings:
+        """The same, some rows (R,) as a gauge of this sd (m) reads them along a unit vector (3,)."""
+        axes = np.tile(np.eye(3), (len(self), 1, 1)) if self.axes is None else np.array(self.axes)
+        value, sigma = np.array(self.value), np.array(self.sigma)
+        value[rows] = np.stack([value[rows] @ along, *np.full((2, int(rows.sum())), np.nan)], axis=1)
+        axes[rows], sigma[rows] = axes_along(along), sd
+        return replace(self, value=frozen(value), sigma=frozen(sigma), axes=axes)
+
 
 def axes_along(direction: Array) -> Array:
     """Unit vectors (3, 3) by rows, the first along a direction (3,), base axes: what a gauge reads along."""

@@ -32,18 +32,22 @@ from qsframework.plugin.registry import registry, suggestion, with_role
 from qsframework.plugin.settings import place_fields, plural
 from qsframework.plugin.trusted import trusted
 from qsframework.robot import Robot, load_robot
+from qsframework.robot.kinematics import FLOOR
 from qsframework.robot.packages import inside
+from qsframework.robot.robot import LinkFrame
 from qsframework.robot.spec import read_effects, read_nominal
 
 GEOMETRY = "geometry"
 """In `fit`: the zeros and placements of all joints; their effects need not be listed."""
+WORLD = "world"
+"""As the link of a marker: the floor, in the base's frame; nothing that the robot does moves it."""
 _GEOMETRIC = ("joint zero", "joint placement")
 """Roles of the effects that it stands for."""
 
 
 @dataclass(frozen=True, eq=False)
 class Marker:
-    """A reflector fixed to a link of the URDF; xyz (3,) m and the unit normal (3,) in that link's frame."""
+    """A reflector fixed to a link of the URDF, or to the floor; xyz (3,) m and the unit normal (3,) in its frame."""
 
     name: str
     link: str
@@ -173,7 +177,14 @@ class Experiment:
 
     def site(self, link: str, xyz: Array) -> Site:
         """A point of a URDF link as a point of the moving link that carries it."""
-        return site_in(self.robot.frames[link], xyz)
+        return site_in(self.frame_of(link), xyz)
+
+    def frame_of(self, link: str) -> LinkFrame:
+        """Where the frame of a URDF link is, or of the floor that the robot stands on."""
+        own = self.robot.frames.get(link)
+        if link != WORLD:
+            return self.robot.frames[link]
+        return LinkFrame(FLOOR, frozen(np.eye(4)) if own is None else own.placement)
 
     def fit_names(self) -> tuple[str, ...]:
         """The parameters to estimate: those that `fit:` names, else every compliance."""
@@ -358,14 +369,14 @@ def _markers(document: Document, spec: ExperimentSpec, robot: Robot, problems: l
     for name, entry in spec.markers.items():
         line = document.line("markers", name)
         link = entry.link or robot.facts.flange
-        if link not in robot.frames:
+        if link not in (*robot.frames, WORLD):
             problems.append(
                 Problem(
                     f"marker {name!r}: no link {link!r}",
                     str(document.path),
                     line,
-                    allowed=", ".join(robot.frames),
-                    hint=nearest(link, robot.frames),
+                    allowed=", ".join((*robot.frames, WORLD)),
+                    hint=nearest(link, (*robot.frames, WORLD)),
                 )
             )
             continue

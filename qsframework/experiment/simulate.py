@@ -12,7 +12,7 @@ from qsframework.elastostatics import Model
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.experiment.observations import make_rows
 from qsframework.experiment.plan import Plan
-from qsframework.experiment.readings import UNSTATED, Made, Readings, States, axes_along, joined
+from qsframework.experiment.readings import UNSTATED, Made, Readings, States, joined
 from qsframework.experiment.setup import Experiment
 from qsframework.experiment.stations import seen_markers, station_of
 from qsframework.plugin import Array, Conditions, Indices, Poses
@@ -119,19 +119,12 @@ def _moved(visits: _Visits, poses: Poses, rows: Indices) -> Readings:
 def _gauged(experiment: Experiment, readings: Readings, load: npt.NDArray[np.str_], seen: Flags) -> Readings:
     """Displacements (R,) of which those under a load with a gauge are what it reads; those of unseen markers go."""
     gauges = {case.name: case.gauge for case in experiment.loads if case.gauge is not None}
-    value, axes = np.array(readings.value), np.tile(np.eye(3), (len(readings), 1, 1))
-    sigma, keep = np.array(readings.sigma), seen.copy()
-    names = np.array([m.name for m in experiment.markers])[readings.marker]
+    keep, names = seen.copy(), np.array([m.name for m in experiment.markers])[readings.marker]
     for name, gauge in gauges.items():
         own = load == name
         keep[own] = names[own] == gauge.marker
-        value[own] = np.stack([value[own] @ gauge.along, *np.full((2, int(own.sum())), np.nan)], axis=1)
-        axes[own] = axes_along(gauge.along)
-        sigma[own] = experiment.noise.gauge or experiment.noise.sigma or UNSTATED
-    if keep.all() and not gauges:
-        return readings
-    out = replace(readings, value=frozen(value), sigma=frozen(sigma), axes=axes if gauges else None)
-    return out.of_rows(np.flatnonzero(keep))
+        readings = readings.gauged(own, gauge.along, experiment.noise.gauge or experiment.noise.sigma or UNSTATED)
+    return readings if keep.all() else readings.of_rows(np.flatnonzero(keep))
 
 
 def _stood(visits: _Visits, poses: Poses, rows: Indices) -> Readings:

@@ -45,7 +45,7 @@ class Station:
                 site = experiment.site(marker.link, marker.xyz)
                 out[part, k] = visible(robot.shapes, placed, self.xyz, site.link, site.xyz, self.clearance)
                 if self.incidence_max is not None and marker.normal is not None:
-                    normal = robot.frames[marker.link].placement[:3, :3] @ marker.normal
+                    normal = experiment.frame_of(marker.link).placement[:3, :3] @ marker.normal
                     angle = incidence(placed, self.xyz, site.link, site.xyz, normal)
                     out[part, k] &= angle <= self.incidence_max
         return out

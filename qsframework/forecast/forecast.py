@@ -7,6 +7,7 @@ from enum import Enum
 
 from qsframework.diagnose.linearization.candidates import Cause, Untested
 from qsframework.diagnose.linearization.columns import Case
+from qsframework.forecast.unknown import UnknownOutlook
 from qsframework.plugin import Array, Parameter
 
 
@@ -93,7 +94,8 @@ class Foresight:
 
     level: family-wise chance of an alarm where nothing acts; power: rate of detection at the sizes `detect`; share:
     rate of right names at the sizes `name`; angles (G, G) rad by the order of the prospects; groups: sets of causes
-    that the plan cannot separate; pairs: the same, two by two; sigma m
+    that the plan cannot separate; pairs: the same, two by two; sigma m; unknown: of effects that no library holds,
+    None where poses are no plan
     """
 
     prospects: tuple[Prospect, ...]
@@ -109,6 +111,7 @@ class Foresight:
     power: float
     share: float
     seed: int
+    unknown: UnknownOutlook | None = None
 
     def of(self, name: str) -> Prospect:
         """The prospect of a cause."""

@@ -24,6 +24,7 @@ from qsframework.estimation.tails import chi2_isf
 from qsframework.experiment import Experiment, Plan
 from qsframework.forecast.effect_size import Bench
 from qsframework.forecast.forecast import DetectableSize, Foresight, Outlook, Pair, PowerCurve, Prospect, Why
+from qsframework.forecast.unknown import unknown_outlook
 from qsframework.information import loss_words, promised_sd
 from qsframework.plugin import Array, Indices, Poses
 from qsframework.work import HERE, Work, run
@@ -122,6 +123,7 @@ def forecast(
         power=power,
         share=share,
         seed=seed,
+        unknown=unknown_outlook(experiment, plan, fitted, seed) if isinstance(plan, Plan) else None,
     )
 
 

@@ -51,6 +51,8 @@ _NO_BETTER = 0.9
 """Share of the nominal arm's error; a fit that leaves more of it asks too, where no noise is stated."""
 _HOLDS = 30
 """Most fits in which weak holds and the noise that weighs them settle."""
+_DECISIONS = 8
+"""Times that it is decided at the solution what the readings tell: it is not what they seem to tell at the guess."""
 _FELL = 0.9
 """Share of the noise above which weaker holds change it no more."""
 
@@ -168,7 +170,7 @@ def _one_step(experiment: Experiment, rows: ReadingRows, names: Sequence[str], o
     told, left, unit = told_names(first, options)
     if not told:
         raise _none_told(experiment, first, left, names)
-    count = first.motions + len(told) - sum(len(group) - 1 for group in options.tied)
+    count = _count(first, told, options)
     if len(rows.at) <= count:
         raise InputError(
             f"{len(rows.keep)} reading{'s give' if len(rows.keep) > 1 else ' gives'} {len(rows.at)} numbers: too few "
@@ -178,25 +180,45 @@ def _one_step(experiment: Experiment, rows: ReadingRows, names: Sequence[str], o
     angles = readings.poses.q[np.unique(rows.plus)]
     one_pose = check_pose_spread(angles, 1 if options.priors else count - first.motions, bool(first.frames))
     notes = ("Only one pose was measured: nothing says whether this fit holds at another one.",) if one_pose else ()
-    seen = replace(first, names=tuple(n for n in names if n in told or n in options.fixed))
-    options = replace(options, tied=tuple(g for g in options.tied if set(g) <= set(told)))
-    solution, solved = _settled(seen, options, unit)
-    return Found(
-        seen=seen,
-        solution=solution,
-        covariance=solution.covariance,
-        method="one-step",
-        left=left,
-        notes=notes,
-        solved=solved,
-    )
+    found = replace(_fitted(first, first, _of(names, told, options), options, unit), left=left, notes=notes)
+    for _ in range(0 if np.all(rows.minus >= 0) else _DECISIONS):  # what differences tell, they tell anywhere
+        solution = found.solution.x
+        there = replace(first, x=found.seen.values(solution), frames=found.seen.moved(solution))
+        again, left, unit = told_names(there, options)
+        if set(again) == set(told):
+            return replace(found, left=left)
+        if len(rows.at) <= _count(first, again, options):
+            break
+        told = again
+        found = replace(_fitted(first, there, _of(names, told, options), options, unit), left=left, notes=notes)
+    return found
 
 
-def _settled(seen: ObservationModel, options: FitOptions, unit: float) -> tuple[Solution, Observations]:
+def _of(names: Sequence[str], told: Sequence[str], options: FitOptions) -> tuple[str, ...]:
+    """The names that a fit holds: what is told, and what is fixed."""
+    return tuple(n for n in names if n in told or n in options.fixed)
+
+
+def _count(seen: ObservationModel, told: Sequence[str], options: FitOptions) -> int:
+    """Numbers that a fit of some parameters estimates."""
+    return seen.motions + len(told) - sum(len(group) - 1 for group in options.tied)
+
+
+def _fitted(
+    first: ObservationModel, there: ObservationModel, names: tuple[str, ...], options: FitOptions, unit: float
+) -> Found:
+    """The fit of some names, begun at the values and in the frames of `there`; the others are as in `first`."""
+    seen = replace(first, names=names, frames=there.frames)
+    options = replace(options, tied=tuple(g for g in options.tied if set(g) <= set(names)))
+    solution, solved = _settled(seen, options, unit, replace(there, names=names).start)
+    return Found(seen=seen, solution=solution, covariance=solution.covariance, method="one-step", solved=solved)
+
+
+def _settled(seen: ObservationModel, options: FitOptions, unit: float, start: Array) -> tuple[Solution, Observations]:
     """The solution and its observations, geometry and markers held weakly to their nominal values.
 
     They are held by the noise that is seen in the end; what its effect pulls, by the stated noise where there is one.
-    unit: the nominal arm's error, in sds of a reading
+    unit: the error at the start (p,), in sds of a reading
     """
     observations = seen.observations()
     starts = 0 if seen.frames else options.starts
@@ -204,13 +226,13 @@ def _settled(seen: ObservationModel, options: FitOptions, unit: float) -> tuple[
     held = 1.0 / (held_of(seen.model, seen.names) * scales(list(seen.parameters[seen.motions :])))
     held = np.concatenate([np.zeros(seen.motions), held])
     if not held.any():
-        return settle(observations, options, seen.start), observations
+        return settle(observations, options, start), observations
     pulled = np.array([p.pull is not None for p in seen.parameters]) & seen.rows.stated
 
     def by(noise: float) -> Observations:
         return replace(observations, held=held * np.where(pulled, 1.0, noise))
 
-    solution = settle(by(unit), options, seen.start, tolerance=1e-3)
+    solution = settle(by(unit), options, start, tolerance=1e-3)
     options = replace(options, starts=0)
     noise = max(rms(solution.residuals), observations.least)
     for _ in range(_HOLDS):

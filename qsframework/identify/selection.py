@@ -26,10 +26,11 @@ def told_names(
     o = seen.observations()
     z = seen.start
     scale = np.concatenate([np.full(seen.motions, 1e-2), scales(list(seen.parameters[seen.motions :]))])
-    white = o.noise.whiten(o.measured - seen.rows.flat(seen.rows.predict(seen.model, seen.x, seen.frames, seen.linear)))
+    predicted, J = seen.rates(z)
+    white = o.noise.whiten(o.measured - predicted)
     error = float(np.sqrt((white**2).sum() / max(len(white) - seen.motions, 1)))
     unit = max(error, o.least)  # readings that are exactly the nominal arm have no error at all
-    rows = o.noise.whiten(o.jacobian(z)) * (scale / unit)
+    rows = o.noise.whiten(J) * (scale / unit)
     group = {n: g for g in options.tied for n in g}
     names = [p.name for p in o.parameters]
     if options.priors:

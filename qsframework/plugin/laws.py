@@ -15,7 +15,7 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from qsframework.errors import PluginError
+from qsframework.errors import PluginError, QsfError
 from qsframework.plugin.facts import Array, Context
 from qsframework.plugin.kinds import Effect, Geometry, Load, Loop, ParallelSpring, Sensor, Spring, SpringLaw
 from qsframework.plugin.terms import (
@@ -99,15 +99,28 @@ def _complex(function: Function, variable: Array, size: Array) -> Array | None:
                 turned[..., j] += 1j * _IMAGINARY * size[j]
                 value = np.asarray(function(turned), dtype=complex)
                 columns.append(np.asarray(np.imag(value), dtype=np.float64) / (_IMAGINARY * size[j]))
-    except (TypeError, ValueError, ArithmeticError, Warning):
+    except (PluginError, TypeError, ValueError, ArithmeticError, Warning):
         return None
     return np.stack(columns, axis=-1) if columns else np.zeros((*np.shape(function(variable)), 0))
 
 
-def _place(effect: Effect, law: str) -> str:
+def _place(effect: Effect | type[Effect], law: str) -> str:
     """The law's name with the file that it stands in."""
-    own = inspect.unwrap(getattr(type(effect), law))
-    return f"{effect.name}: {law}() in {own.__code__.co_filename}, line {own.__code__.co_firstlineno}"
+    kind = effect if isinstance(effect, type) else type(effect)
+    own = inspect.unwrap(getattr(kind, law))
+    name = kind.effect_name() if isinstance(effect, type) else effect.name
+    return f"{name}: {law}() in {own.__code__.co_filename}, line {own.__code__.co_firstlineno}"
+
+
+def given(effect: Effect | type[Effect], law: str, *inputs: Any) -> Any:
+    """What an effect, or its class, gives; a PluginError that names law and file where it fails."""
+    try:
+        return getattr(effect, law)(*inputs)
+    except QsfError:
+        raise
+    except Exception as error:  # a third party's law may fail in any way
+        said = f"{_place(effect, law)}, fails: {type(error).__name__}: {error}"
+        raise PluginError(f"{said}. Mend it, or uninstall the package that brings it") from error
 
 
 def _checked(effect: Effect, law: str, value: Any, shape: tuple[int, ...], *inputs: Array, what: str = "") -> Array:
@@ -146,7 +159,7 @@ def geometry(effect: Geometry, x: Array, context: Context) -> GeometryTerm:
     batch, n = context.poses.q.shape
 
     def errors(v: Array) -> GeometryTerm:
-        term = as_term(GeometryTerm, effect.errors(v, context))
+        term = as_term(GeometryTerm, given(effect, "errors", v, context))
         angles = np.zeros((batch, n)) if left_out(term.angles) else term.angles
         angles = _checked(effect, "errors", angles, (batch, n), what="angles")
         if term.twists is not None and not effect.moves_placements:
@@ -173,7 +186,7 @@ def closure(effect: Loop, actuators: Array, bars: Array, context: Context) -> Lo
         return np.array([1.0] * k + [p.typical for p in effect.parameters(context.robot)])
 
     def at(v: Array) -> LoopTerm:
-        return as_term(LoopTerm, effect.closure(v[:, :k], v[:, k:], context))
+        return as_term(LoopTerm, given(effect, "closure", v[:, :k], v[:, k:], context))
 
     def slope(v: Array) -> Array:
         term = at(v)
@@ -189,7 +202,7 @@ def closure(effect: Loop, actuators: Array, bars: Array, context: Context) -> Lo
 def mixing(effect: Spring, x: Array, context: Context) -> Array:
     """`mixing`, (v, k) or (N, v, k)."""
     shape = (len(effect.virtual_joints(context.robot)), len(effect.compliances(context.robot)))
-    found = effect.mixing(x, context)
+    found = given(effect, "mixing", x, context)
     return _checked(effect, "mixing", found, (len(context), *shape) if np.ndim(found) == 3 else shape)
 
 
@@ -200,12 +213,12 @@ def mixing_slope(effect: Spring, x: Array, context: Context) -> Array:
 
 def torque(effect: ParallelSpring, q: Array, x: Array, context: Context) -> TorqueTerm | None:
     """`torque` with its first derivatives; None where it has none."""
-    found = effect.torque(q, x, context)
+    found = given(effect, "torque", q, x, context)
     if found is None:
         return None
 
     def value(q: Array, x: Array) -> Array:
-        return _checked(effect, "torque", as_term(TorqueTerm, effect.torque(q, x, context)).value, q.shape, q)
+        return _checked(effect, "torque", as_term(TorqueTerm, given(effect, "torque", q, x, context)).value, q.shape, q)
 
     term = as_term(TorqueTerm, found)
     _checked(effect, "torque", term.value, q.shape, q)
@@ -216,12 +229,12 @@ def torque(effect: ParallelSpring, q: Array, x: Array, context: Context) -> Torq
 
 def stiffness(effect: ParallelSpring, q: Array, x: Array, context: Context) -> StiffnessTerm | None:
     """`stiffness` with all derivatives; None where it has none."""
-    found = effect.stiffness(q, x, context)
+    found = given(effect, "stiffness", q, x, context)
     if found is None:
         return None
 
     def value(q: Array, x: Array) -> Array:
-        term = as_term(StiffnessTerm, effect.stiffness(q, x, context))
+        term = as_term(StiffnessTerm, given(effect, "stiffness", q, x, context))
         return _checked(effect, "stiffness", term.value, (*q.shape, q.shape[1]), q)
 
     term = as_term(StiffnessTerm, found)
@@ -235,9 +248,11 @@ def tension(effect: ParallelSpring, length: Array, x: Array, context: Context) -
     """`tension` with all derivatives."""
 
     def value(s: Array, x: Array) -> Array:
-        return _checked(effect, "tension", as_term(TensionTerm, effect.tension(s, x, context)).value, s.shape, s)
+        return _checked(
+            effect, "tension", as_term(TensionTerm, given(effect, "tension", s, x, context)).value, s.shape, s
+        )
 
-    term = as_term(TensionTerm, effect.tension(length, x, context))
+    term = as_term(TensionTerm, given(effect, "tension", length, x, context))
     _checked(effect, "tension", term.value, length.shape, length)
     ds, dx = term.ds, term.dx
     if left_out(ds):
@@ -251,9 +266,9 @@ def extra(effect: SpringLaw, T: Array, x: Array, context: Context) -> LawTerm:
     """`extra` with all derivatives."""
 
     def value(T: Array, x: Array) -> Array:
-        return _checked(effect, "extra", as_term(LawTerm, effect.extra(T, x, context)).value, T.shape, T)
+        return _checked(effect, "extra", as_term(LawTerm, given(effect, "extra", T, x, context)).value, T.shape, T)
 
-    term = as_term(LawTerm, effect.extra(T, x, context))
+    term = as_term(LawTerm, given(effect, "extra", T, x, context))
     _checked(effect, "extra", term.value, T.shape, T)
     dT, dx = term.dT, term.dx
     if left_out(dT):  # each by its own torque: all move together
@@ -267,7 +282,7 @@ def extra(effect: SpringLaw, T: Array, x: Array, context: Context) -> LawTerm:
 
 def loaded(effect: Load, loads: Loads, x: Array, context: Context) -> LoadTerm:
     """`apply` without the derivatives that it leaves out."""
-    term = as_term(LoadTerm, effect.apply(loads, x, context))
+    term = as_term(LoadTerm, given(effect, "apply", loads, x, context))
     wrench = loads.wrench if left_out(term.wrench) else term.wrench
     return replace(term, wrench=_checked(effect, "apply", wrench, loads.wrench.shape, loads.wrench, what="the wrench"))
 
@@ -299,7 +314,7 @@ def apply(effect: Load, loads: Loads, x: Array, context: Context) -> LoadTerm:
 
 def seen(effect: Sensor, reading: Reading, x: Array, context: Context) -> Array:
     """What `read` says (N, k, 3), without its derivatives."""
-    found = as_term(SensorTerm, effect.read(reading, x, context)).position
+    found = as_term(SensorTerm, given(effect, "read", reading, x, context)).position
     return _checked(effect, "read", found, reading.position.shape, reading.position)
 
 
@@ -312,7 +327,7 @@ def read(effect: Sensor, reading: Reading, x: Array, context: Context) -> Sensor
         moved = replace(reading, position=reading.position + shift[:, None, :], rotation=rotation)
         return seen(effect, moved, v, context)
 
-    term = as_term(SensorTerm, effect.read(reading, x, context))
+    term = as_term(SensorTerm, given(effect, "read", reading, x, context))
     _checked(effect, "read", term.position, reading.position.shape, reading.position)
     d_position, d_rotation, dx = term.d_position, term.d_rotation, term.dx
     if left_out(d_position):

@@ -9,11 +9,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qsframework.forecast.forecast import Foresight, Outlook, Prospect, Why
+from qsframework.forecast.unknown import SIZE, PlaceOutlook
 from qsframework.plugin import Array, Indices
 from qsframework.report.blocks import Figure, ReportTable, Section, Text
 from qsframework.report.numbers import MATRIX, matrix_table
 from qsframework.report.plots import DASHES, GREY, blank
-from qsframework.report.words.forecast import curve_words, foresight_words, kind_words, smallest_words, why_words
+from qsframework.report.words.forecast import (
+    curve_words,
+    foresight_words,
+    kind_words,
+    smallest_words,
+    unknown_words,
+    why_words,
+)
+from qsframework.report.words.law import place_words
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure as Plot
@@ -51,6 +60,26 @@ def hidden_table(foresight: Foresight) -> ReportTable:
         tuple(rows),
         "A later diagnosis of this plan's readings says nothing about these.",
     )
+
+
+def unknown_table(foresight: Foresight) -> ReportTable:
+    """Every place where something that no library holds may act, and what it would be taken for."""
+    places = () if foresight.unknown is None else foresight.unknown.places
+    rows = tuple((place_words(p.place), *_outlook(p)) for p in sorted(places, key=lambda p: p.chance))
+    return ReportTable(
+        ("something unknown moves", "told first", "else most often"),
+        rows,
+        f"Effects of s = {SIZE:g} by plain laws: a constant once a load hangs, with the torque there, with the order "
+        "of the readings, with the angle there.",
+        _folded("places of unknown effects", len(rows)),
+    )
+
+
+def _outlook(p: PlaceOutlook) -> tuple[str, str]:
+    if not p.shown:
+        return "no reading shows it", ""
+    other = f"{place_words(p.instead)} ({100 * p.instead_chance:.0f} %)" if p.instead is not None else ""
+    return f"{100 * p.chance:.0f} %", other
 
 
 def pair_table(foresight: Foresight) -> ReportTable:
@@ -157,5 +186,8 @@ def power_section(foresight: Foresight, title: str = "What this plan would show"
         blocks.append(angle_figure(names, foresight.angles, caption))
     if foresight.pairs:
         blocks.append(pair_table(foresight))
+    if foresight.unknown is not None:
+        blocks += [Text(said) for said in unknown_words(foresight.unknown)]
+        blocks.append(unknown_table(foresight))
     blocks.append(hidden_table(foresight))
     return Section(title, tuple(blocks))

@@ -11,9 +11,11 @@ from qsframework.diagnose.error_budget import error_budget
 from qsframework.diagnose.residuals.lack_of_fit import LackOfFit
 from qsframework.diagnose.result import Diagnosis, Leftover, Line, NamedCause, Taught
 from qsframework.discriminate.follow_up import FollowUp
+from qsframework.discriminate.mounts import Mount
 from qsframework.discriminate.pair import Discrimination
 from qsframework.files import as_file
 from qsframework.forecast.forecast import Foresight, Prospect
+from qsframework.forecast.unknown import SIZE, UnknownOutlook
 from qsframework.report.words.diagnosis import diagnosis_words, limit_words, method_words
 from qsframework.report.words.discrimination import discrimination_words, offer_words, suspect_words
 from qsframework.report.words.forecast import foresight_words, size_words, why_words
@@ -191,10 +193,7 @@ def follow_up_json(found: FollowUp) -> dict[str, Any]:
         "place_after": _number(found.after),
         "variable_before": _number(found.variable_before),
         "variable_after": _number(found.variable_after),
-        "reflectors": [
-            {"link": r.marker.link, "xyz_mm": [1e3 * float(v) for v in r.marker.xyz], "place_after": _number(r.chance)}
-            for r in found.reflectors
-        ],
+        "mounts": [_mount(m) for m in found.mounts],
         "open": [{"explanation": suspect_words(s), "share": _number(s.share)} for s in found.suspects],
     }
 
@@ -216,6 +215,35 @@ def foresight_json(found: Foresight) -> dict[str, Any]:
             for p in found.pairs
         ],
         "groups": [list(g) for g in found.groups],
+        "unknown": None if found.unknown is None else _unknown(found.unknown),
+    }
+
+
+def _unknown(found: UnknownOutlook) -> dict[str, Any]:
+    return {
+        "s": SIZE,
+        "place": _number(found.chance),
+        "places": [
+            {
+                "place": place_words(p.place),
+                "shown": p.shown,
+                "first": _number(p.chance),
+                "instead": None if p.instead is None else place_words(p.instead),
+                "instead_share": _number(p.instead_chance),
+            }
+            for p in found.places
+        ],
+        "mounts": [_mount(m) for m in found.mounts],
+    }
+
+
+def _mount(mount: Mount) -> dict[str, Any]:
+    return {
+        "kind": "gauge" if mount.along else "reflector",
+        "link": mount.marker.link,
+        "xyz_mm": [1e3 * float(v) for v in mount.marker.xyz],
+        "along": mount.along or None,
+        "place_after": _number(mount.chance),
     }
 
 

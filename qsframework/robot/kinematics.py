@@ -25,6 +25,10 @@ def _terms(weights: Array) -> Terms:
     return tuple((i, weight) for i, weight in enumerate(weights.tolist()) if weight != 0.0)
 
 
+FLOOR = -1
+"""The link of a point beside the robot, which nothing moves."""
+
+
 @dataclass(frozen=True, eq=False)
 class Element:
     """One joint of the chain: `placement` (4, 4) is its frame in the previous element's frame."""
@@ -86,7 +90,7 @@ class Chain:
     def reach(self, link: int) -> tuple[int, list[int]]:
         """How many elements, from the base on, may move a link; and those among them that do not."""
         if link < len(self.stops):
-            return self.stops[link], []
+            return 0 if link == FLOOR else self.stops[link], []
         path: set[int] = set()
         here = link
         while here >= len(self.stops):
@@ -126,11 +130,21 @@ class Frames:
 
     def point(self, link: int, xyz: Array) -> Array:
         """World position (3, N) of a point fixed to a link."""
+        if link == FLOOR:
+            return self.turned(link, xyz)
         r = self.rotations[link]
         return self.positions[link] + xyz[0] * r[0] + xyz[1] * r[1] + xyz[2] * r[2]
 
+    def turned(self, link: int, way: Array) -> Array:
+        """A direction (3,) in the frame of a link, in the world's (3, N)."""
+        if link == FLOOR:
+            return np.repeat(way[:, None], self.positions.shape[-1], axis=1)
+        return np.asarray(np.einsum("j,jcn->cn", way, self.rotations[link]))
+
     def matrix(self, link: int) -> Array:
         """Rotation (N, 3, 3) of a link."""
+        if link == FLOOR:
+            return np.repeat(np.eye(3)[None], self.positions.shape[-1], axis=0)
         return np.ascontiguousarray(self.rotations[link].transpose(2, 1, 0))
 
 

@@ -39,7 +39,7 @@ def visible(
 def incidence(placed: Frames, station: Array, link: int, xyz: Array, normal: Array) -> Array:
     """Angle (N,) rad between the unit normal at a point of a link and the way from there to the station."""
     way = station[:, None] - placed.point(link, xyz)
-    facing = np.einsum("j,jcn->cn", normal, placed.rotations[link])
+    facing = placed.turned(link, normal)
     along = np.einsum("cn,cn->n", way, facing)
     aside = np.linalg.norm(way - along * facing, axis=0)
     return np.asarray(np.arctan2(aside, along), dtype=np.float64)

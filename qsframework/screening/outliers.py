@@ -162,7 +162,7 @@ def _typical(seen: ObservationModel, error: Array, wrong: Flags) -> Array:
     rows = seen.rows
     link = np.array([site.link for site in seen.model.markers])[rows.marker]
     kind = rows.frame + (len(rows.readings.frames) + 1) * (rows.minus < 0)
-    label = link + (int(link.max(initial=0)) + 1) * (kind - kind.min(initial=0))
+    label = link + (int(np.ptp(link)) + 1) * (kind - kind.min(initial=0))
     out = np.full(len(error), float(np.median(error[~wrong])) if (~wrong).any() else 0.0)
     for one in np.unique(label):
         same = (label == one) & ~wrong

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,12 +16,8 @@ from independent_arm import COILED, Hidden, Rest
 from qsframework.design import design
 from qsframework.diagnose import Diagnosis, diagnose
 from qsframework.discriminate import FollowUp, follow_up
-from qsframework.discriminate.follow_up import (
-    _Game,  # pyright: ignore[reportPrivateUsage]
-    _game,  # pyright: ignore[reportPrivateUsage]
-    _second,  # pyright: ignore[reportPrivateUsage]
-    suspects_of,
-)
+from qsframework.discriminate.explanations import Explanations
+from qsframework.discriminate.follow_up import chosen_visits, opened
 from qsframework.errors import InputError
 from qsframework.experiment import example, load_experiment, read_readings, simulate
 from qsframework.plugin import Array
@@ -56,43 +53,57 @@ def second(first: tuple[Campaign, float, Diagnosis]) -> FollowUp:
 
 
 @pytest.fixture(scope="module")
-def game(first: tuple[Campaign, float, Diagnosis], second: FollowUp) -> _Game:
-    found = first[2]
-    return _game(found, _second(found), suspects_of(found), second.plan)
+def every(first: tuple[Campaign, float, Diagnosis]) -> Explanations:
+    """What 30 candidates would show, and the poses of the first day once more."""
+    return opened(first[2], 30, 7)[1]
 
 
-def test_a_visit_parts_two_explanations_by_what_they_foretell(game: _Game) -> None:
+def test_a_visit_parts_two_explanations_by_what_they_foretell(every: Explanations) -> None:
     """delta^2 of one visit is the square of what a fit of the rival to the other's readings misses there, in the noise
     of that prediction: written out with one dense covariance."""
-    h, k = 0, len(game.odds) - 1
-    C, F = game.first[k], game.visits[k][0]
-    readings = game.first[h] @ game.theta[h]
-    prior = np.where(np.arange(C.shape[1]) < game.free, 1e-9, 1.0)
+    h, k = 0, len(every.odds) - 1
+    C, F = every.first[k], every.visits[k][0]
+    readings = every.first[h] @ every.theta[h]
+    prior = np.where(np.arange(C.shape[1]) < every.free, 1e-9, 1.0)
     covariance = np.linalg.inv(C.T @ C + np.diag(prior))
-    missed = game.visits[h][0] @ game.theta[h] - F @ covariance @ C.T @ readings
+    missed = every.visits[h][0] @ every.theta[h] - F @ covariance @ C.T @ readings
     dense = float(missed @ np.linalg.solve(np.eye(len(F)) + F @ covariance @ F.T, missed))
-    assert game.squares([0])[k, h] == pytest.approx(dense, rel=1e-9)
-    assert game.squares([0, 3])[k, h] >= dense
+    assert every.squares([0])[k, h] == pytest.approx(dense, rel=1e-9)
+    assert every.squares([0, 3])[k, h] >= dense
 
 
-def test_the_visits_tell_more_than_others(first: tuple[Campaign, float, Diagnosis], second: FollowUp) -> None:
-    """The bound on confusing two explanations is below that of any of 20 random choices of as many visits."""
-    found = first[2]
-    experiment, suspects = _second(found), suspects_of(found)
-    from qsframework.discriminate.follow_up import _pool  # pyright: ignore[reportPrivateUsage]
-    from qsframework.discriminate.pair import drawn
+def test_the_visits_tell_more_than_others(every: Explanations, second: FollowUp) -> None:
+    """The bound on confusing two explanations is below that of any of 20 random choices of as many visits, and no
+    exchange of one of them for another makes it smaller."""
+    chosen = chosen_visits(every, 6, np.array([], dtype=np.intp), lambda *_: None)
+    rng, count = np.random.default_rng(0), len(every.shown)
 
-    pool = _pool(found, experiment, drawn(experiment, 30, 7))
-    every = _game(found, experiment, suspects, pool)
-    chosen = every.choose(6, np.array([], dtype=np.intp), lambda *_: None)
-    rng = np.random.default_rng(0)
+    def bound(visits: Sequence[int]) -> float:
+        return float(every.bound(every.squares(visits)[None])[0])
 
-    def bound(visits: Any) -> float:
-        return float(every._bound(every.squares(list(visits))[None])[0])  # pyright: ignore[reportPrivateUsage]
-
-    assert bound(chosen) < min(bound(rng.choice(len(pool.pose), 6, replace=False)) for _ in range(20))
+    assert bound(chosen) < min(bound(rng.choice(count, 6, replace=False).tolist()) for _ in range(20))
+    last = [bound([*chosen[:-1], other]) for other in range(count) if other not in chosen]
+    assert bound(chosen) <= min(last) * (1.0 + 1e-9)
     assert second.before <= second.after <= 1.0
     assert second.variable_before <= second.variable_after <= second.after + 1e-9
+
+
+def test_mounts_are_judged_by_the_visits_with_their_readings(
+    first: tuple[Campaign, float, Diagnosis], second: FollowUp
+) -> None:
+    """Each once, the best first; a reflector nearer the moving joint tells more than none; what nobody can reach is
+    left out, and an unknown link is no link."""
+    names = [m.marker.name for m in second.mounts]
+    assert len(names) == len(set(names))
+    assert [m.chance for m in second.mounts] == sorted((m.chance for m in second.mounts), reverse=True)
+    assert all(second.after - 0.05 <= m.chance <= 1.0 for m in second.mounts)
+    assert {m.marker.link for m in second.mounts} >= {"world", first[2].experiment.robot.facts.base}
+    assert sum(bool(m.along) for m in second.mounts) == 6
+    few = follow_up(first[2], 4, candidates=20, without=("world", "gauges"))
+    assert not [m for m in few.mounts if m.along or m.marker.link == "world"]
+    with pytest.raises(InputError, match="nothing is mounted on 'wrold'") as error:
+        follow_up(first[2], 4, candidates=20, without=("wrold",))
+    assert "world" in str(error.value)
 
 
 def test_two_visits_repeat_poses_of_the_first_day(first: tuple[Campaign, float, Diagnosis], second: FollowUp) -> None:

@@ -1,10 +1,12 @@
-"""`qsf diagnose` of a plan, `--separate`, `--second-day`: what they print and write."""
+"""`qsf diagnose` of a plan, `--separate`, `--follow-up`: what they print and write."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from qsframework.cli.day import SECOND_DAY, second_day
 from qsframework.cli.diagnose_plan import run_follow_up, run_foresight, run_separate
 from qsframework.design import design
 from qsframework.errors import InputError
@@ -42,11 +44,17 @@ def test_the_plan_is_judged_before_it_is_measured(plan_file, tmp_path, capsys):
     content = json.loads((tmp_path / "f.json").read_text())
     by_name = {c["id"]: c for c in content["causes"]}
     assert by_name["joint_hardening[joint_3]"]["sizes"][0]["detect"] > 0.0
+    assert "that no library holds, the right place would be told first in" in " ".join(said.split())
+    assert {"drive", "world"} <= {content["unknown"]["places"][0]["place"].split()[1], *_links(content)}
     page = (tmp_path / "f.html").read_text()
     assert "What this plan would show" in page
     assert "Angles between causes" in page
     assert "Chance of detection" in page
     assert "http" not in page.split("<body>")[1].split("<script")[0]
+
+
+def _links(content):
+    return {m["link"] for m in content["unknown"]["mounts"]}
 
 
 def test_outputs_must_differ_from_the_plan(plan_file):
@@ -99,6 +107,19 @@ def test_a_second_day_is_a_plan(tmp_path, capsys):
     run_follow_up(found, 5, tmp_path / "day2.csv")
     assert "5 visits bring the chance" in capsys.readouterr().out
     assert len(read_plan(tmp_path / "day2.csv", found.experiment).pose) == 5
+
+
+def test_a_measuring_day_plans_the_next_one(tmp_path):
+    """Where its diagnosis leaves something open; and where nothing can be planned, it says so and goes on."""
+    found = hardened()
+    after, said = second_day(found, tmp_path)
+    assert after is not None
+    assert len(read_plan(tmp_path / SECOND_DAY, found.experiment).pose) == 8
+    assert "8 visits bring the chance of naming the right place" in said[0]
+    nowhere = found.experiment.with_(constraints=replace(found.experiment.constraints, z_min=50.0))
+    after, said = second_day(replace(found, experiment=nowhere), tmp_path / "none")
+    assert after is None
+    assert said[0].startswith("no plan of a second day: ")
 
 
 def test_without_a_stated_noise_what_the_fit_leaves_counts(tmp_path, capsys):

@@ -20,6 +20,7 @@ from qsframework.plugin import (
     SpringLaw,
     registry,
 )
+from qsframework.plugin.laws import given
 from qsframework.plugin.settings import axis_fields, place_fields
 from qsframework.plugin.trusted import file_of
 
@@ -110,7 +111,7 @@ def find_causes(
         if missing:
             untested.append(Untested(effect.name, missing))
         else:
-            causes.append(Cause(effect.name, (effect,), effect.parameters(facts), False))
+            causes.append(Cause(effect.name, (effect,), given(effect, "parameters", facts), False))
     return tuple(c for c in causes if c.parameters), tuple(untested)
 
 
@@ -171,7 +172,8 @@ def proposed(model: Model) -> list[Effect]:
     out: list[Effect] = []
     from_files = [type(e) for e in model.effects if file_of(type(e)) is not None]
     for kind in dict.fromkeys([*registry().values(), *from_files]):
-        found = [*kind.places(model.facts, model.marker_names), *kind.beside(model.effects, model.parameters)]
+        own = given(kind, "places", model.facts, model.marker_names)
+        found = [*own, *given(kind, "beside", model.effects, model.parameters)]
         for effect in found:
             try:
                 effect.require_fit(model.facts)

@@ -8,16 +8,19 @@ import numpy as np
 
 from qsframework.diagnose.linearization.candidates import Cause
 from qsframework.discriminate.alternatives import Offer
-from qsframework.discriminate.follow_up import FollowUp, Suspect
+from qsframework.discriminate.explanations import Suspect
+from qsframework.discriminate.follow_up import FollowUp
+from qsframework.discriminate.mounts import GAUGE, Mount
 from qsframework.discriminate.pair import CLOSE, ENOUGH, SEEN, Discrimination, mistaken
 from qsframework.discriminate.separations import NotSeparated
 from qsframework.experiment import LoadCase, Marker
+from qsframework.experiment.setup import WORLD
 from qsframework.report.words.law import place_words, variable_words
 from qsframework.report.words.sizes import people_size
 
 _WORTH = 0.03
-"""By how much a further reflector must raise the chance of the right place to be told."""
-_REFLECTORS = 3
+"""By how much what is mounted must raise the chance of the right place to be told."""
+_MOUNTS = 3
 
 
 def discrimination_words(pair: Discrimination) -> tuple[str, ...]:
@@ -100,17 +103,24 @@ def follow_up_words(found: FollowUp) -> Iterator[str]:
         f"{_percent(found.after)}, with its variable from {_percent(found.variable_before)} to "
         f"{_percent(found.variable_after)}, if one of the explanations that are open is true."
     )
-    better = [r for r in found.reflectors if r.chance > found.after + _WORTH]
-    for r in better[:_REFLECTORS]:
-        yield f"With {mount_words(r.marker)} at these visits: {_percent(r.chance)}."
-    if found.reflectors and not better:
-        yield "No further reflector on the arm would help much."
+    yield from mounts_words(found.mounts, found.after, "at these visits")
 
 
-def mount_words(marker: Marker) -> str:
-    """A reflector that is to be mounted."""
-    where = ", ".join(f"{1e3 * v:.0f}" for v in marker.xyz)
-    return f"a reflector on {marker.link} at [{where}] mm"
+def mounts_words(mounts: Sequence[Mount], chance: float, when: str) -> Iterator[str]:
+    """What would raise the chance of the right place, if mounted."""
+    better = [m for m in mounts if m.chance > chance + _WORTH]
+    for m in better[:_MOUNTS]:
+        yield f"With {mount_words(m)} {when}: {_percent(m.chance)}."
+    if mounts and not better:
+        yield "No further reflector or gauge would help much."
+
+
+def mount_words(mount: Mount) -> str:
+    """A reflector that is to be mounted, or a gauge."""
+    where = ", ".join(f"{1e3 * v:.0f}" for v in mount.marker.xyz)
+    on = "the floor (link: world)" if mount.marker.link == WORLD else mount.marker.link
+    what = f"a dial gauge ({1e6 * GAUGE:.0f} um) along {mount.along}" if mount.along else "a reflector"
+    return f"{what} on {on} at [{where}] mm"
 
 
 def suspect_words(suspect: Suspect) -> str:

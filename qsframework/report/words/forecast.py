@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from qsframework.diagnose.linearization.candidates import REACH
 from qsframework.forecast.forecast import DetectableSize, Foresight, Outlook, PowerCurve, Prospect, Why
+from qsframework.forecast.unknown import SIZE, PlaceOutlook, UnknownOutlook
 from qsframework.report.blocks import Mark, Verdict
+from qsframework.report.words.discrimination import mounts_words
+from qsframework.report.words.law import place_words
+from qsframework.report.words.lists import listed
 from qsframework.report.words.sizes import people_size
+
+_WORST = 3
+"""Places that are told least of which it is said."""
 
 
 def foresight_words(found: Foresight) -> tuple[str, ...]:
@@ -26,8 +35,29 @@ def foresight_words(found: Foresight) -> tuple[str, ...]:
         if p.status is Outlook.INVISIBLE:
             hidden.setdefault(p.why, []).append(p.name)
     said += [f"Invisible here, {kind_words(why)}: {', '.join(names)}." for why, names in hidden.items()]
+    said += unknown_words(found.unknown) if found.unknown is not None else ()
     said += [f"{u.name} needs the column {' and '.join(u.needs)}." for u in found.untested]
     return tuple(said)
+
+
+def unknown_words(found: UnknownOutlook) -> Iterator[str]:
+    """Where the plan would place what no library holds."""
+    yield (
+        f"Of effects of s = {SIZE:g} that no library holds, the right place would be told first in "
+        f"{100 * found.chance:.0f} %, on average over the places."
+    )
+    worst = sorted((p for p in found.places if p.shown), key=lambda p: p.chance)[:_WORST]
+    hard = [f"{place_words(p.place)} ({100 * p.chance:.0f} %{_else(p)})" for p in worst]
+    if hard:
+        yield f"Hardest to place: {listed(hard)}."
+    yield from mounts_words(found.mounts, found.chance, "in the same plan")
+    hidden = [place_words(p.place) for p in found.places if not p.shown]
+    if hidden:
+        yield f"No reading of this plan shows an extra motion of {listed(hidden)}."
+
+
+def _else(p: PlaceOutlook) -> str:
+    return "" if p.instead is None else f", else {place_words(p.instead)}"
 
 
 def kind_words(why: Why | None) -> str:
