@@ -33,7 +33,7 @@ from qsframework.experiment.frames import PLANE, POINT, Frame
 from qsframework.experiment.kinds import Part, check_kinds, which_sigma
 from qsframework.experiment.plan import joint_columns
 from qsframework.experiment.readings import UNSTATED, Made, Readings, States, axes_along, joined
-from qsframework.experiment.reads import averaged
+from qsframework.experiment.reads import Reads, averaged
 from qsframework.experiment.setup import GEOMETRY, Experiment
 from qsframework.files import read_yaml, sha256
 from qsframework.plausible import RANGES
@@ -248,7 +248,7 @@ class _Rows:
     """The cells of a table that every kind of file has."""
 
     table: Table
-    reads: Indices
+    reads: Reads
     pendant: Array
     wrench: Array
     use: npt.NDArray[np.bool_]
@@ -263,7 +263,7 @@ class _Rows:
     problems: list[Problem]
 
     @classmethod
-    def of(cls, table: Table, reads: Indices, experiment: Experiment, of_states: bool) -> _Rows:
+    def of(cls, table: Table, reads: Reads, experiment: Experiment, of_states: bool) -> _Rows:
         count = len(table.rows)
         pendant = np.stack([table.numbers[f"q{k + 1}"] for k in range(experiment.robot.controller.axes)], axis=1)
         zero = np.zeros(count)
@@ -436,7 +436,7 @@ class _Rows:
         known |= {name: Frame(name, turn, np.zeros(3)) for name, turn in self.normals.items()}
         own = _far_sigma(experiment, self.sigma, self.value, self.kind(of_states))
         sigma, stated = _sigmas(table, experiment, own, self.kind(of_states), self.use)
-        sigma = np.where(np.isnan(self.sigma), sigma / np.sqrt(self.reads), sigma)
+        sigma = np.where(np.isnan(self.sigma), self.reads.sigma(sigma), sigma)
         return Readings(
             states=states,
             plus=plus,
@@ -454,7 +454,7 @@ class _Rows:
             file=np.zeros(len(plus), dtype=np.intp),
             to=self.to,
             axes=self.axes,
-            reads=self.reads,
+            reads=self.reads.count,
             sources=(table.path,),
             drive_state=tuple(table.texts["drive_state"]) if "drive_state" in table.texts else None,
             repeatability=experiment.noise.repeatability,

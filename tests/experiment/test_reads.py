@@ -64,6 +64,35 @@ def test_ten_reads_of_a_visit_say_as_much_as_their_mean(tmp_path: Path, stated: 
         assert np.median([sds[2][name] / sd for name, sd in sds[0].items()]) < 0.6, "repeats are visits of their own"
 
 
+@pytest.mark.parametrize("column", [True, False])
+def test_reads_that_differ_by_less_than_the_stated_noise_share_the_rest(tmp_path: Path, column: bool) -> None:
+    """The noise of a coordinate is stated, its visit's part included; reads differ by a third of it, as those of a
+    tracker that stands on quiet ground: the mean of ten is hardly better than one of them, and the fit agrees."""
+    experiment = with_noise(load_experiment(EXAMPLE / "experiment.yaml"), 1e-3 * SIGMA)
+    readings = read_readings(EXAMPLE / "readings.csv", experiment)
+    clean = readings.with_values(qsf.identify(experiment, readings).predicted)
+    header, rows = readings_table(clean, experiment)
+    columns = [c for c in header if c != "sigma_mm"]
+    at, rng = [header.index(f"d{a}_mm") for a in "xyz"], np.random.default_rng(1)
+    lines: dict[str, list[list[str]]] = {"one": [], "ten": []}
+    for row in rows:
+        mean = np.array([float(row[k]) for k in at]) + rng.normal(0.0, SIGMA, 3)
+        ten = mean + rng.normal(0.0, SIGMA / 3.0, (READS, 3))
+        for name, values in (("one", ten.mean(axis=0)[None]), ("ten", ten)):
+            for n, value in enumerate(values, start=1):
+                cells = dict(zip(header, row, strict=True))
+                cells |= {header[k]: f"{v:.9f}" for k, v in zip(at, value, strict=True)}
+                lines[name].append([*(cells[c] for c in columns), str(n), *([str(SIGMA)] if column else [])])
+    fits: list[qsf.Fit] = []
+    for name, own in lines.items():
+        head = [*columns, "read", *(["sigma_mm"] if column else [])]
+        (tmp_path / name).write_text("\n".join(",".join(line) for line in [head, *own]) + "\n")
+        fits.append(qsf.identify(experiment, read_readings(tmp_path / name, experiment)))
+    assert [e.sd for e in fits[1].estimates] == pytest.approx([e.sd for e in fits[0].estimates], rel=0.1)
+    assert fits[1].p_value is not None
+    assert 0.01 < fits[1].p_value < 0.99
+
+
 def test_reads_are_one_row_with_their_mean_and_count(tmp_path: Path) -> None:
     experiment = load_experiment(EXAMPLE / "experiment.yaml")
     reads, _, means = visited(tmp_path)
