@@ -95,7 +95,10 @@ def follow_up(
 
 
 def opened(
-    diagnosis: Diagnosis, candidates: int | Candidates | Array, seed: int, tell: Progress = lambda step, done, total: None
+    diagnosis: Diagnosis,
+    candidates: int | Candidates | Array,
+    seed: int,
+    tell: Progress = lambda step, done, total: None,
 ) -> tuple[Plan, Explanations]:
     """The visits that a second day may have, the poses of the first last, and what each explanation says of them."""
     experiment = _second(diagnosis)
