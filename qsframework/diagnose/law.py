@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from qsframework.plugin import RobotFacts
+
 Part = Literal["drive", "bearing", "link", "shift", "marker", "readings", "load", "point"]
 """What moves: a drive, the tilt of a joint's bearing, a link's three rotations, its shift, one marker, or all readings;
 or the force of the load, or the point where it acts, which move all."""
@@ -26,6 +28,8 @@ FACTORS = (
 """On what it may depend beside angles: the torque there, torques about other axes, the moments
 where an end shifts, where gravity points, the order of
 the readings, from where the joint came, that a load hangs, nothing, a column that was recorded, the load's force."""
+_NEAR = 2.0
+"""Joints away from a place within which what a joint does can act there: through a shaft, a cable, a casting."""
 OF_A_JOINT = ("torque ", "came ")
 """Begin factors that are of another joint, by its name."""
 
@@ -61,3 +65,13 @@ class Law:
         """Such as `joint_3/torque`, `joint_2/torque*joint_2+joint_3` or `bearing joint_4 rx/attitude`."""
         place = f"{self.part} {self.place}" if self.part in ("bearing", "shift", "point") else self.place or self.part
         return f"{f'{place} {self.axis}'.strip()}/{'*'.join(self.by)}"
+
+    def reaches(self, facts: RobotFacts) -> bool:
+        """Whether what it depends on can act at its place: angles, torques and ways of joints near it; all else can,
+        and whatever the instrument sees of the end of the arm."""
+        if self.part in ("marker", "readings", "load", "point"):
+            return True
+        own = facts.joint_index(self.place) + 0.5 if self.place in facts.joints else float(facts.link_index(self.place))
+        named = [f.split("+") for f in self.angles]
+        named += [[f.partition(" ")[2]] for f in self.by if f.startswith(OF_A_JOINT)]
+        return all(any(abs(facts.joint_index(j) + 0.5 - own) <= _NEAR for j in joints) for joints in named)

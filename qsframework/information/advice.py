@@ -24,6 +24,8 @@ from qsframework.plugin import (
 
 _LITTLE = 0.05
 """Share of the largest possible torque below which a spring counts as not loaded."""
+_MUCH = 0.9
+"""Share from which more force along other directions would hardly load it more."""
 _FACES = (laws.torque, laws.stiffness)
 
 
@@ -60,6 +62,8 @@ def _spring(model: Model, effect: Spring, name: str, poses: Poses) -> str:
     what = "forces and moments" if np.any(poses.wrench[:, 3:]) else "forces"
     if share < _LITTLE:
         return f"no reading loads {who}; add {pull} with the arm stretched, so that its lever about {who} is long"
+    if share > _MUCH:
+        return f"the readings load {who} as much as their {what} can; repeat them, or measure more poses like the best"
     return (
         f"the readings load {who} with at most {100 * share:.0f} % of what their {what} could; repeat them, raise the "
         f"load, or add {pull} where its lever about {who} is longest"
@@ -90,7 +94,8 @@ def _balancer(model: Model, effect: ParallelSpring, name: str, poses: Poses) -> 
             "unloaded arm, or in the motor torques, at several angles of this joint"
         )
     count = len(np.unique(np.round(poses.q[:, [model.facts.joint_index(j) for j in joints]], 3), axis=0))
-    return f"the readings have {count} angles of {who}: measure at three or more, far apart, under a large load"
+    more = "three or more, far apart" if count < 3 else "more, farther apart"
+    return f"the readings have {count} angle{'s' if count > 1 else ''} of {who}: measure at {more}, under a large load"
 
 
 def _silenced_by(model: Model, effect: ParallelSpring, name: str, poses: Poses) -> list[str]:

@@ -45,6 +45,8 @@ _ALIKE = 0.03
 """Share of a motion that another place cannot do, below which no reading tells the two apart."""
 _RIVAL = 4.0
 """Nats below a place's likeliest axes within which others count as its motion too."""
+_STANDS_IN = 2.3
+"""Nats that a law pays whose variable can hardly reach its place: odds of one to ten."""
 _PLAIN = 2.0
 """Nats by which laws must be likelier than a motion that differs at each visit, to be told."""
 _TOGETHER = 0.95
@@ -337,7 +339,8 @@ class _Race:
                 e = float(np.logaddexp.reduce(L.ravel()) - np.log(L.shape[1])) - self.nothing
                 law = Law(place.law.part, place.law.place, factors, start.law.axis)
                 sd = float(_WEIGHTS[L[0].argmax()]) * noise.unit / size
-                out.append(PlaceMotion(place, start.at, law, e + _prior(place, start.law.axis), sd))
+                far = 0.0 if law.reaches(moved.facts) else _STANDS_IN
+                out.append(PlaceMotion(place, start.at, law, e + _prior(place, start.law.axis) - far, sd))
         return [replace(e, evidence=e.evidence - float(np.log(len(out)))) for e in out]
 
     def cause(self, columns: Array) -> float:

@@ -57,7 +57,7 @@ def _nothing(found: Diagnosis) -> str:
 def _unexplained(found: Diagnosis) -> str:
     e = found.rms
     if found.leftovers:
-        what = f"{moving_words(found.leftovers[0].law, found.places)}, as no cause of the library does"
+        what = f"{_left(found)}, as no cause of the library does"
     else:
         what = f"more is left than the noise allows, most of it at {poses_words(worst_poses(found, _WORST))}"
     t = found.taught
@@ -65,6 +65,11 @@ def _unexplained(found: Diagnosis) -> str:
         left = f"its law was learned, and the held-out error falls from {mm(t.before)} to {mm(t.heldout)} mm"
         return f"Unexplained: {what}; {left} (noise {mm(e.noise)})."
     return f"Unexplained: {what}; the held-out error stays at {mm(e.heldout_identified)} mm, noise {mm(e.noise)}."
+
+
+def _left(found: Diagnosis) -> str:
+    """The likeliest motion that nothing explains."""
+    return moving_words(found.leftovers[0].law, found.experiment.robot.facts, found.places)
 
 
 def _gain(found: Diagnosis, they: str = "") -> str:
@@ -87,14 +92,14 @@ def _reasons(found: Diagnosis) -> Iterator[str]:
     if found.verdict != "partly_explained":
         return
     if found.leftovers:
-        yield f"{moving_words(found.leftovers[0].law, found.places)}, which nothing explains yet"
+        yield f"{_left(found)}, which nothing explains yet"
     elif misfits(found.after):
         yield f"more is left than the noise allows, most of it at {poses_words(worst_poses(found, _WORST))}"
     if found.doubtful:
         yield f"{names_words(found.doubtful)} {'is' if len(found.doubtful) == 1 else 'are'} doubtful"
     for f in found.sure:
         if f.instead is not None:
-            yield f"it may as well be that {moving_words(f.instead.law)}"
+            yield f"it may as well be that {moving_words(f.instead.law, found.experiment.robot.facts)}"
         if len(f.rivals) > MANY:
             yield f"{f.name} could be any of {len(f.rivals)} other causes"
     faint = max(found.sure, key=lambda f: f.p_value)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from qsframework.diagnose.law import Law
 from qsframework.diagnose.result import LikelyPlace
+from qsframework.plugin import RobotFacts
 from qsframework.report.words.lists import listed
 
 _FACTORS = {
@@ -70,14 +71,16 @@ def _factor_words(factor: str, angle: bool) -> str:
     return f"the angle of {' and '.join(joints)}{' together' if joints[1:] else ''}"
 
 
-def moving_words(law: Law, places: Sequence[LikelyPlace] = ()) -> str:
-    """That something moves, and with what. places: where it may be; those that are not the law's own are told."""
+def moving_words(law: Law, facts: RobotFacts, places: Sequence[LikelyPlace] = ()) -> str:
+    """That something moves, and with what; what can hardly act there stands in for another variable. places: where it
+    may be; those that are not the law's own are told."""
     moves = f"something moves {place_words(law)}"
     if law.part in _LOAD:
         moves = f"{_LOAD[law.part]} differs from what was said"
     elif law.part == "readings":
         moves = "all readings move"
     how = _HOW.get(law.by) or f"with {variable_words(law)}"
+    how += "" if law.reaches(facts) else ", which can hardly act there and stands in for something else"
     other = [place_words(replace(x.law, axis="")) for x in places if x.law.where != law.where]
     if len(other) > _TOLD:
         other[1:] = [f"one of {len(other) - 1} other places"]
