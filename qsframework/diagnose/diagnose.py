@@ -735,4 +735,5 @@ def _errors(
         held.rms_identified,
         held.rms_extended,
         noise,
+        float(mask.sum() / mask.any(axis=1).sum()),
     )
