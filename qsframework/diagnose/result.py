@@ -205,7 +205,7 @@ class Line:
     angle: float = float("nan")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Errors:
     """RMS per axis, m: of the nominal, the identified and the extended model, on the readings and held out; `noise` is
     what the noise alone leaves. axes: how many were measured of a reading, in the mean."""
@@ -225,7 +225,7 @@ class Errors:
     @property
     def space(self) -> Errors:
         """The same as 3D RMS."""
-        return Errors(*(self.in_space(getattr(self, f.name)) for f in fields(self)[:-1]), axes=1.0)
+        return Errors(**{f.name: self.in_space(getattr(self, f.name)) for f in fields(self)[:-1]}, axes=1.0)
 
     @property
     def heldout_gain(self) -> float:
