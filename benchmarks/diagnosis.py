@@ -238,7 +238,7 @@ def _diagnosed(case: Case, truth: Truth) -> Result:
         "conventions": told.get("conventions", []),
         "problems": [p["id"] for p in told["data_problems"]],
         "leftovers": told.get("leftovers", [])[:1],
-        "rms_mm": told["rms_mm"],
+        "rms_mm": told["rms_per_axis_mm"],
     }
     out["off"] = _off(truth, told)
     if case.group == "visible":

@@ -231,10 +231,10 @@ def _causes(experiment: Experiment, found: Diagnosis, anyway: bool) -> tuple[str
         raise InputError(Problem(f"no certificate: {said}", found.readings.where, hint=hint, argument=("anyway", "")))
     notes = [f"the readings hint at {f.name}, which the model does not have" for f in found.findings]
     if found.taught is not None and found.taught.holds:
-        before, after = (f"{1e3 * error:.3f} mm" for error in (found.taught.before, found.taught.heldout))
+        before, after = (f"{1e3 * found.rms.in_space(e):.3f} mm" for e in (found.taught.before, found.taught.heldout))
         notes.append(
             f"something acts that no cause of the library explains; with a law that is learned of it, the held-out "
-            f"error falls from {before} to {after}"
+            f"error (3D RMS) is {after} instead of {before}"
         )
     elif found.leftovers:
         notes.append("the readings hint at a law that no cause of the library explains")
@@ -346,7 +346,7 @@ def _arrivals(experiment: Experiment, fit: FitRecord, rows: ReadingRows) -> tupl
 def _conformity(meta: MetaSpec, found: Validation, budget: Sequence[Share]) -> Conformity | None:
     if meta.tolerance is None:
         return None
-    error = found.whole.summary()[1]
+    error = found.whole.summary()[2]
     instrument = next((s.standard for s in budget if s.source == "instrument"), float("nan"))
     expanded = COVERAGE * instrument / float(np.sqrt(3.0))
     holds: bool | None = error <= meta.tolerance

@@ -66,13 +66,13 @@ def run_demo(output: Path, seed: int, json: Path | None = None) -> None:
 
 def _found(real: dict[str, Any], simulated: dict[str, Any]) -> list[str]:
     """What the two parts found, a line each: from their fits as JSON."""
-    joints, _, offaxis = (fit["rms_mm"] for fit in real.values())
-    rms = simulated["fit"]["rms_mm"]
+    joints, _, offaxis = (fit["errors_mm"]["displacement"] for fit in real.values())
+    own = simulated["fit"]["errors_mm"]["displacement"]
     return [
-        f"R-2000iC, 43 real readings: {joints['nominal']:.3f} -> {joints['leave_one_out']:.3f} mm with six joint "
-        f"stiffnesses, -> {offaxis['leave_one_out']:.3f} mm with one off-axis spring more.",
-        f"M-900iB/700, {POSES} designed poses, simulated: {rms['nominal']:.3f} -> {rms['leave_one_out']:.3f} mm.",
-        "Each is the RMS per axis: nominal model -> held-out poses.",
+        f"R-2000iC, 43 real readings: {joints['nominal']:.3f} \u2192 {joints['held_out']:.3f} mm with six joint "
+        f"stiffnesses, \u2192 {offaxis['held_out']:.3f} mm with one off-axis spring more.",
+        f"M-900iB/700, {POSES} designed poses, simulated: {own['nominal']:.3f} \u2192 {own['held_out']:.3f} mm.",
+        "3D RMS: nominal model \u2192 identified, at held-out poses.",
     ]
 
 
@@ -136,17 +136,15 @@ def _compare_models(fits: dict[str, Fit]) -> Section:
         rows.append(
             (
                 name,
-                f"{fit.rms_readings * 1e3:.3f}",
-                f"{fit.rms * 1e3:.3f}",
-                f"{fit.rms_left_out * 1e3:.3f}",
+                *(f"{fit.errors['displacement'][key] * 1e3:.3f}" for key in ("readings", "identified", "held_out")),
                 ", ".join(broken) or "none",
             )
         )
     table = ReportTable(
-        ("model", "readings, mm", "residual, mm", "leave-one-out, mm", "negative compliances"),
+        ("3D RMS", "readings, mm", "identified, mm", "held-out, mm", "negative compliances"),
         tuple(rows),
-        "RMS per axis. A wrong convention shows itself: a larger error and a compliance below zero. One off-axis "
-        "spring removes a fifth of the error at poses that the fit has not seen.",
+        "A wrong convention shows itself: a larger error and a compliance below zero. One off-axis spring removes a "
+        "fifth of the held-out error.",
     )
     said = Text(
         "FANUC R-2000iC with a drilling spindle, 43 cable pulls of 115 to 1166 N (Liu, Feng, Jin, Shanghai Jiao Tong "

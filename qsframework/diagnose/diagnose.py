@@ -736,10 +736,11 @@ def _errors(
     mask, own = base.rows.mask, base.start.sigma * audit.unit
     noise = float(np.sqrt(np.mean(own[mask] ** 2) + audit.shared**2))
     return Errors(
-        rms(nominal),
-        rms(base.fit.residuals[mask]),
-        rms(extended.residuals[mask]),
-        held.rms_identified,
-        held.rms_extended,
-        noise,
+        nominal=rms(nominal),
+        identified=rms(base.fit.residuals[mask]),
+        extended=rms(extended.residuals[mask]),
+        heldout_identified=held.rms_identified,
+        heldout_extended=held.rms_extended,
+        noise=noise,
+        axes=float(mask.sum() / mask.any(axis=1).sum()),
     )

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import Enum
 from typing import TYPE_CHECKING, Literal
+
+import numpy as np
 
 from qsframework.diagnose.law import Law
 from qsframework.plugin import Array, Indices, Parameter
@@ -203,10 +205,10 @@ class Line:
     angle: float = float("nan")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Errors:
     """RMS per axis, m: of the nominal, the identified and the extended model, on the readings and held out; `noise` is
-    what the noise alone leaves."""
+    what the noise alone leaves. axes: how many were measured of a reading, in the mean."""
 
     nominal: float
     identified: float
@@ -214,6 +216,16 @@ class Errors:
     heldout_identified: float
     heldout_extended: float
     noise: float
+    axes: float = 3.0
+
+    def in_space(self, per_axis: float) -> float:
+        """The 3D RMS, m, of which an RMS per axis over the same readings is a part."""
+        return float(np.sqrt(self.axes)) * per_axis
+
+    @property
+    def space(self) -> Errors:
+        """The same as 3D RMS."""
+        return Errors(**{f.name: self.in_space(getattr(self, f.name)) for f in fields(self)[:-1]}, axes=1.0)
 
     @property
     def heldout_gain(self) -> float:

@@ -1,4 +1,4 @@
-"""What is shown of each estimate of a fit, declared once: tables, fit.json and the data frame read it."""
+"""What is shown of a fit, declared once: tables, fit.json and the data frame read these lists."""
 
 from __future__ import annotations
 
@@ -7,9 +7,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from qsframework.identify.estimate import Estimate
+from qsframework.plugin import Array
 
 if TYPE_CHECKING:
+    from qsframework.identify.fit import Fit
     from qsframework.identify.record import FitRecord
 
 OWN = "own"
@@ -61,6 +65,49 @@ COLUMNS = [
     Column(key="state", head="status", value=lambda _, e: e.state.value, brief=True),
 ]
 """The columns, in their order."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ErrorRow:
+    """An error of a fit at its readings of one kind.
+
+    key: in fit.json; head: in tables; errors: (k, 3) m of the rows of a kind, (0, 3) where the fit has none to show
+    """
+
+    key: str
+    head: str
+    errors: Callable[[Fit, str], Array]
+
+
+def _of(fit: Fit, values: Array, kind: str) -> Array:
+    return values[fit.kind == kind]
+
+
+def _missed(fit: Fit, kind: str) -> Array:
+    return fit.missed[fit.missed_kind == kind]
+
+
+def _readings(fit: Fit, kind: str) -> Array:
+    return np.zeros((0, 3)) if kind == "position" else _of(fit, fit.measured, kind)
+
+
+def _kept(fit: Fit, kind: str) -> Array:
+    """Held-out errors without the masked rows, where rows are masked."""
+    return _of(fit, fit.left_out, kind) if len(_missed(fit, kind)) else np.zeros((0, 3))
+
+
+ERRORS = [
+    ErrorRow(key="readings", head="readings", errors=_readings),
+    ErrorRow(key="nominal", head="nominal model", errors=lambda fit, k: _of(fit, fit.measured - fit.nominal, k)),
+    ErrorRow(key="identified", head="identified", errors=lambda fit, k: _of(fit, fit.residuals, k)),
+    ErrorRow(
+        key="held_out",
+        head="held-out (leave one pose out)",
+        errors=lambda fit, k: np.concatenate([_of(fit, fit.left_out, k), _missed(fit, k)]),
+    ),
+    ErrorRow(key="held_out_without_masked", head="the same without masked rows", errors=_kept),
+]
+"""The errors, in their order; each is shown as its 3D RMS."""
 
 
 def values_of(fit: FitRecord) -> dict[str, list[Any]]:

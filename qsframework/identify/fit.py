@@ -13,10 +13,14 @@ from qsframework.errors import InputError
 from qsframework.estimation import Observations, RankTest, Solution, rms
 from qsframework.experiment import ObservationModel, Readings, make_rows
 from qsframework.experiment.readings import Alignment, Made
+from qsframework.identify.columns import ERRORS
 from qsframework.identify.record import FitRecord
 from qsframework.identify.selection import LeftAside
 from qsframework.plugin import Array, Indices
 from qsframework.viewed import Viewed
+
+KINDS = ("position", "displacement", "gauge")
+"""Kinds of readings, that which speaks for a fit first."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -103,9 +107,20 @@ class Fit(Viewed, FitRecord):
         return rms(self.left_out)
 
     def error_of(self, residuals: Array) -> float:
-        """RMS of the norms of errors (R, 3) that are whole, m; NaN where there are none."""
-        whole = residuals[np.isfinite(residuals).all(axis=1)]
-        return float(np.sqrt((whole**2).sum(axis=1).mean())) if len(whole) else float("nan")
+        """3D RMS of errors (R, 3) over the axes that were measured, m; NaN where there are none."""
+        known = residuals[np.isfinite(residuals).any(axis=1)]
+        return float(np.sqrt(np.nansum(known**2, axis=1).mean())) if len(known) else float("nan")
+
+    @property
+    def errors(self) -> dict[str, dict[str, float]]:
+        """3D RMS of the errors, m, by kind of reading and key of `ERRORS`, as far as there are any."""
+        found = {kind: {row.key: self.error_of(row.errors(self, kind)) for row in ERRORS} for kind in KINDS}
+        return {kind: known for kind, of in found.items() if (known := {k: v for k, v in of.items() if np.isfinite(v)})}
+
+    @property
+    def errors_mm(self) -> dict[str, dict[str, float]]:
+        """The same in mm."""
+        return {kind: {key: 1e3 * value for key, value in of.items()} for kind, of in self.errors.items()}
 
     def predict(self, readings: Readings) -> tuple[Array, Array]:
         """Other readings in the same frames: predicted and measured (R, 3) m of their used rows.
@@ -132,5 +147,4 @@ class Fit(Viewed, FitRecord):
             "leave_one_out": mm(self.rms_left_out),
             "leave_one_out_without_masked": mm(self.rms_left_out_kept),
         }
-        position = {"rms_norm_mm": mm(self.error_of(self.residuals[self.position]))} if self.position.any() else {}
-        return {**super().as_json(), "rms_mm": sizes, **position}
+        return {**super().as_json(), "errors_mm": self.errors_mm, "rms_per_axis_mm": sizes}

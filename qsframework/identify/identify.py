@@ -29,8 +29,9 @@ from qsframework.experiment import Experiment, Frame, ObservationModel, Readings
 from qsframework.experiment.account import account_of
 from qsframework.experiment.observations import ReadingRows, start_values, values_before
 from qsframework.experiment.setup import GEOMETRY, expand_name
+from qsframework.identify.columns import ERRORS
 from qsframework.identify.estimate import Estimate, EstimateState, estimate_of
-from qsframework.identify.fit import Fit, Found
+from qsframework.identify.fit import KINDS, Fit, Found
 from qsframework.identify.held import held_at_nominal
 from qsframework.identify.load_error import load_columns, load_sds
 from qsframework.identify.pose_spread import check_pose_spread
@@ -111,12 +112,10 @@ def _in_the_table(experiment: Experiment, readings: Readings) -> tuple[str, ...]
 
 def _held_out(fit: Fit) -> tuple[float, float, float]:
     """The errors of a fit at held-out poses, masked rows among them: of the nominal arm, of the fit, the largest."""
-    kind = next(k for k in ("position", "displacement", "gauge") if (fit.kind == k).any())
-    at = fit.kind == kind
-    size = fit.error_of if kind == "position" else rms
-    out = np.concatenate([fit.left_out[at], fit.missed[fit.missed_kind == kind]])
+    kind = next(k for k in KINDS if (fit.kind == k).any())
+    nominal, out = (row.errors(fit, kind) for row in ERRORS if row.key in ("nominal", "held_out"))
     far = np.sqrt(np.nansum(out**2, axis=1))
-    return size((fit.measured - fit.nominal)[at]), size(out), float(far.max()) if len(far) else float("nan")
+    return fit.error_of(nominal), fit.error_of(out), float(far.max()) if len(far) else float("nan")
 
 
 def _gross(

@@ -64,8 +64,8 @@ class FitRecord(FileRecord):
     model_values: of all parameters of the model, estimated or not
     sigma (m): sd of one coordinate of unit weight, "stated" or "estimated" from the residuals
     shared_sd (m): of the error that the markers of a visit share, 0 where none was looked for or seen; shared_p: of it
-    held_out_error (m): at held-out poses, RMS of the distance of positions, else RMS per axis; held_out_nominal: of the
-    nominal arm, in frames that suit it best; held_out_largest: the largest distance; NaN where no pose can be left out
+    held_out_error (m): 3D RMS at held-out poses, masked rows among them; held_out_nominal: of the nominal arm, in
+    frames that suit it best; held_out_largest: the largest distance; NaN where no pose can be left out
     carriers: poses that alone carry a parameter, which cannot be left out
     frames: the base in the frames that were estimated; left_aside: what was asked for and not estimated; held: what an
     error of nominal values does to the estimates, of what was asked for or has a stated sd

@@ -45,12 +45,12 @@ class ValidationErrors:
         values = self.before if before else self.errors
         return np.linalg.norm(values[np.isfinite(values).all(axis=1)], axis=1)
 
-    def summary(self, before: bool = False) -> tuple[float, float, float]:
-        """Mean, 95 % and maximum of the 3D error, m; NaN without whole readings."""
+    def summary(self, before: bool = False) -> tuple[float, float, float, float]:
+        """RMS, mean, 95 % and maximum of the 3D error, m; NaN without whole readings."""
         d = self.distances(before)
         if not len(d):
-            return float("nan"), float("nan"), float("nan")
-        return float(d.mean()), float(np.quantile(d, 0.95)), float(d.max())
+            return float("nan"), float("nan"), float("nan"), float("nan")
+        return float(np.sqrt(np.mean(d**2))), float(d.mean()), float(np.quantile(d, 0.95)), float(d.max())
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -91,14 +91,12 @@ def _json(part: ValidationErrors) -> Mapping[str, Any]:
         return 1e3 * value if np.isfinite(value) else None
 
     def told(before: bool) -> dict[str, float | None]:
-        return dict(zip(("mean", "p95", "max"), map(number, part.summary(before)), strict=True))
+        return dict(zip(("rms", "mean", "p95", "max"), map(number, part.summary(before)), strict=True))
 
-    distances = part.distances()
     return {
         "readings": part.count,
         "rms_axis_mm": dict(zip(_AXES, map(number, part.axes()), strict=True)),
-        "rms_mm": number(rms(part.errors)),
-        "rms_norm_mm": number(float(np.sqrt(np.mean(distances**2)))) if len(distances) else None,
+        "rms_per_axis_mm": number(rms(part.errors)),
         "error_mm": told(False),
         "nominal_error_mm": told(True),
     }

@@ -38,9 +38,9 @@ def write_certificate(path: str | Path, found: Certificate) -> Path:
 def _result(found: Certificate) -> Verdict:
     """The box on top: whether the robot conforms, its error, and the uncertainty of what is corrected by the fit."""
     c = found.conformity
-    before, after = found.validation.whole.summary(before=True)[1], found.validation.whole.summary()[1]
+    before, after = found.validation.whole.summary(before=True)[0], found.validation.whole.summary()[0]
     numbers = [
-        (f"{1e3 * after:.3f} mm", "3D error, 95 % of held-out readings within"),
+        (f"{1e3 * after:.3f} mm", "held-out error, 3D RMS"),
         (f"{1e3 * before:.3f} mm", "the same before calibration"),
         (f"{1e3 * COVERAGE * found.corrected:.3f} mm", f"U of a corrected {found.fit.account.quantity}, k = 2"),
     ]
@@ -87,7 +87,7 @@ def _errors(found: Certificate) -> tuple[Block, ...]:
     """The 3D error before and after, as numbers and as a distribution; accuracy by ISO 9283 where it was measured."""
     quantity, whole = found.fit.account.quantity, found.validation.whole
     pairs = zip(whole.summary(before=True), whole.summary(), strict=True)
-    names = ("mean", "95 % of the readings within", "maximum")
+    names = ("RMS", "mean", "95 % of the readings within", "maximum")
     rows = tuple((name, f"{1e3 * b:.3f}", f"{1e3 * a:.3f}") for name, (b, a) in zip(names, pairs, strict=True))
     said = (
         f"{held_out_words(found)} The error is the distance in space between the measured and the predicted "

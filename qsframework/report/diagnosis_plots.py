@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -72,19 +73,20 @@ def _axes(taught: Taught) -> tuple[str, ...]:
 
 
 def budget_figure(diagnosis: Diagnosis) -> Figure:
-    """How the held-out error falls, cause by cause, down to the noise."""
-    steps = error_budget(diagnosis)
+    """The held-out error, cause by cause, down to the noise."""
+    space = diagnosis.rms.in_space
+    steps = [replace(s, readings=space(s.readings), heldout=space(s.heldout)) for s in error_budget(diagnosis)]
     body, noise = steps[:-1], steps[-1]
     labels = [html.escape(s.label) for s in body]
     held = [1e3 * s.heldout for s in body]
-    figure = blank("Error budget", "", "RMS per axis, mm")
+    figure = blank("Error budget", "", "3D RMS, mm")
     ends = np.array([*held, held[-1]])
     foot = np.array([0.0, *np.minimum(held[1:], held[:-1]), 0.0])
     top = np.array([ends[0], *np.maximum(held[1:], held[:-1]), ends[-1]])
     falls = [False, *(after <= before for before, after in pairwise(held)), False]
     names = [*labels, "extended"]
     for said, look, at in (
-        ("held out", {"color": SKY}, [0, len(held)]),
+        ("held-out", {"color": SKY}, [0, len(held)]),
         ("falls by", {"color": BLUE}, [i for i in range(1, len(held)) if falls[i]]),
         ("rises by", BARS[0], [i for i in range(1, len(held)) if not falls[i]]),
     ):
@@ -113,7 +115,7 @@ def budget_figure(diagnosis: Diagnosis) -> Figure:
         "each step. Look for bars that fall visibly: these causes earn their place; what stays above the dotted line "
         "is still unexplained. Diamonds far below the bars would say that the model follows the noise.",
         row_table(
-            ("step", "held out, mm", "on the readings, mm"),
+            ("3D RMS", "held-out, mm", "on the readings, mm"),
             [[s.label for s in steps], [1e3 * s.heldout for s in steps], [1e3 * s.readings for s in steps]],
         ),
     )

@@ -229,9 +229,10 @@ def _parts(name: str) -> tuple[str, str]:
 
 
 def error_rows(diagnosis: Diagnosis) -> ReportTable:
-    """RMS per axis on the readings and held out."""
-    e, taught = diagnosis.rms, diagnosis.taught
-    law = [("extended with the learned law", "-", _mm(taught.heldout))] if taught is not None and taught.holds else []
+    """3D RMS on the readings and held out."""
+    e, taught = diagnosis.rms.space, diagnosis.taught
+    learned = _mm(diagnosis.rms.in_space(taught.heldout)) if taught is not None and taught.holds else ""
+    law = [("extended with the learned correction", "-", learned)] if learned else []
     rows = (
         ("nominal model", _mm(e.nominal), "-"),
         ("identified", _mm(e.identified), _mm(e.heldout_identified)),
@@ -240,10 +241,10 @@ def error_rows(diagnosis: Diagnosis) -> ReportTable:
         ("noise alone", _mm(e.noise), _mm(e.noise)),
     )
     return ReportTable(
-        ("RMS per axis, mm", "on the readings", "held out"),
+        ("3D RMS, mm", "on the readings", "held-out"),
         rows,
-        "Held out: at poses that neither the fit nor the choice of causes has seen. The extension is worth its "
-        "parameters where this error falls towards the noise.",
+        "Held-out: at poses that neither the fit nor the choice of causes has used. The extension is worth its "
+        "parameters where it brings this error near the noise.",
     )
 
 

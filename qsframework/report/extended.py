@@ -13,6 +13,7 @@ from qsframework.errors import InputError
 from qsframework.files import sha256
 from qsframework.report.words.diagnosis import diagnosis_words
 from qsframework.report.words.noise import audit_words
+from qsframework.report.words.sizes import mm
 from qsframework.screening import adopted
 
 
@@ -36,7 +37,7 @@ def extended_words(diagnosis: Diagnosis, added: Sequence[str], *, doubtful: bool
     before, after = rms.heldout_identified, rms.heldout_extended
     if taught is not None and taught.name in added:
         before, after = taught.before, taught.heldout
-    gain = f": the held-out error falls from {1e3 * before:.3f} to {1e3 * after:.3f} mm"
+    gain = f": held-out error {mm(rms.in_space(before))} \u2192 {mm(rms.in_space(after))} mm (3D RMS)"
     return f"The model is extended by {', '.join(added)}{gain if doubtful or not diagnosis.doubtful else ''}."
 
 

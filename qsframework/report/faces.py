@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html as escaping
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import singledispatch
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -43,12 +43,14 @@ _ROWS = 10
 
 @dataclass(frozen=True)
 class Face:
-    """said: the verdict, or what a value is; columns: by name, each as long as the frame; draw: makes the plot"""
+    """said: the verdict, or what a value is; columns: by name, each as long as the frame; draw: makes the plot;
+    beside: attributes of the frame"""
 
     said: str
     tables: tuple[ReportTable, ...]
     columns: Mapping[str, Any]
     draw: Callable[[], Plot]
+    beside: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
     def text(self) -> str:
         """The verdict and the tables, as wide as the terminal."""
@@ -80,7 +82,9 @@ class Face:
         except ImportError as error:
             hint = "pip install pandas"
             raise InputError(Problem("a frame needs pandas, which is not installed", hint=hint)) from error
-        return pandas.DataFrame(dict(self.columns))
+        frame = pandas.DataFrame(dict(self.columns))
+        frame.attrs.update(self.beside)
+        return frame
 
     def plot(self) -> Any:
         """The plot, a `plotly.graph_objects.Figure`."""
@@ -96,7 +100,8 @@ def face(result: Any) -> Face:
 @face.register
 def _fit(fit: Fit) -> Face:
     tables = (fit_table(fit, brief=True), *error_tables(fit))
-    return Face(_said(fit_verdict(fit)), tables, values_of(fit), lambda: parameter_figure(fit).figure)
+    errors = {"errors_mm": fit.errors_mm}
+    return Face(_said(fit_verdict(fit)), tables, values_of(fit), lambda: parameter_figure(fit).figure, errors)
 
 
 @face.register

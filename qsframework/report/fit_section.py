@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
-from qsframework.estimation import rms
 from qsframework.experiment import Experiment, Readings
 from qsframework.experiment.observations import values_before
 from qsframework.identify import Estimate, Fit, FitRecord, Masked
-from qsframework.identify.columns import COLUMNS, OWN, Column
+from qsframework.identify.columns import COLUMNS, ERRORS, OWN, Column
 from qsframework.report.blocks import Block, ReportTable, SceneView, Section, Text
 from qsframework.report.fit_plots import fit_figures, residual_figures, workspace_figure
 from qsframework.report.moved_section import moved_table, moved_words
@@ -96,10 +95,6 @@ def interval_tables(fit: Fit) -> tuple[ReportTable, ...]:
     return (ReportTable(header, tuple(rows), caption),)
 
 
-_SIZES = {"displacement": "RMS per axis", "gauge": "RMS", "position": "RMS of the distance"}
-"""How large errors of each kind of reading are said to be."""
-
-
 def masked_blocks(fit: Fit) -> tuple[Block, ...]:
     """What was masked before the fit, where the readings were looked through, and what the fit found to be gross."""
     blocks: list[Block] = []
@@ -157,37 +152,20 @@ def _total(fit: Fit) -> str:
 
 
 def error_tables(fit: Fit) -> tuple[ReportTable, ...]:
-    """For each kind of reading: before, after, and at held-out poses, those that the fit masked as gross among them.
-
-    RMS per axis of displacements and gauges; of positions that of the distance.
-    """
-    out: list[ReportTable] = []
-    for kind, title in _SIZES.items():
-        at, unseen = fit.kind == kind, fit.missed[fit.missed_kind == kind]
-        if not at.any():
-            continue
-        size = fit.error_of if kind == "position" else rms
-        rows = [
-            ("nominal arm, best tracker frame", size((fit.measured - fit.nominal)[at])),
-            ("identified", size(fit.residuals[at])),
-            ("leave-one-pose-out", size(np.concatenate([fit.left_out[at], unseen]))),
-        ]
-        if kind != "position":
-            rows[:1] = [("readings", rms(fit.measured[at])), ("nominal model", rows[0][1])]
-        if len(unseen):
-            rows.append(("the same without masked rows", size(fit.left_out[at])))
-        note = " Masked rows count as held-out." if len(unseen) else ""
-        if fit.carriers:
-            note += f" It leaves out {', '.join(fit.carriers)}: each of these poses alone carries a parameter."
-        out.append(_errors(title if at.all() else f"{kind}s, {title}", rows, note))
-    return tuple(out)
-
-
-def _errors(title: str, rows: Sequence[tuple[str, float]], note: str) -> ReportTable:
-    return ReportTable(
-        (title, "mm"),
-        tuple((name, f"{value * 1e3:.4f}") for name, value in rows),
-        "Quote leave-one-pose-out: it is the prediction error." + note,
+    """For each kind of reading the 3D RMS of its errors: before, after, and at held-out poses with masked rows."""
+    heads = {row.key: row.head for row in ERRORS}
+    note = "Quote the held-out error: it is the prediction error."
+    note += " Masked rows count as held-out." if len(fit.missed) else ""
+    note += " The nominal model is in its best-fit frame." if fit.frames else ""
+    if fit.carriers:
+        note += f" It leaves out {', '.join(fit.carriers)}: each of these poses alone carries a parameter."
+    return tuple(
+        ReportTable(
+            ("3D RMS" if len(fit.errors) == 1 else f"{kind}s, 3D RMS", "mm"),
+            tuple((heads[key], f"{1e3 * value:.4f}") for key, value in errors.items()),
+            note,
+        )
+        for kind, errors in fit.errors.items()
     )
 
 

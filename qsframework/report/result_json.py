@@ -50,10 +50,11 @@ def diagnosis_json(found: Diagnosis, pairs: Sequence[Discrimination] = ()) -> di
             }
             for x in found.places
         ],
-        "learned": None if found.taught is None else _learned(found.taught),
-        "rms_mm": {name: _number(1e3 * getattr(found.rms, name)) for name in _RMS},
+        "learned": None if found.taught is None else _learned(found, found.taught),
+        "error_mm": {name: _number(1e3 * getattr(found.rms.space, name)) for name in _RMS},
+        "rms_per_axis_mm": {name: _number(1e3 * getattr(found.rms, name)) for name in _RMS},
         "budget": [
-            {"label": x.label, "readings_mm": 1e3 * x.readings, "heldout_mm": 1e3 * x.heldout}
+            {"label": x.label, "readings_mm": _space(found, x.readings), "heldout_mm": _space(found, x.heldout)}
             for x in error_budget(found)
         ],
         "lack_of_fit": {"before": _misfit(found.before), "after": _misfit(found.after)},
@@ -76,7 +77,7 @@ def _mistake(c: Mistake) -> dict[str, Any]:
         "column": c.column,
         "found": _number(c.found),
         "meant": _number(c.meant),
-        "rms_mm": {"given": 1e3 * c.rms_given, "corrected": 1e3 * c.rms},
+        "rms_per_axis_mm": {"given": 1e3 * c.rms_given, "corrected": 1e3 * c.rms},
         "moved": [{"name": m.name, "before": m.before, "after": m.after} for m in c.moved],
     }
 
@@ -106,14 +107,14 @@ def _problems(found: Diagnosis) -> list[dict[str, Any]]:
     return out
 
 
-def _learned(x: Taught) -> dict[str, Any]:
+def _learned(found: Diagnosis, x: Taught) -> dict[str, Any]:
     return _law_json(x.leftover) | {
         "id": x.name,
         "written": x.holds,
         "s": _number(x.s),
         "heldout_gain": _number(x.gain),
         "heldout_clear": _number(x.clear),
-        "heldout_mm": _number(1e3 * x.heldout),
+        "heldout_mm": _space(found, x.heldout),
         "weights": {name: _number(x.fit.value(name)) for name in x.cause.names},
         "looks_like": [
             {
@@ -268,6 +269,11 @@ def _prospect(p: Prospect) -> dict[str, Any]:
         "aliases": list(p.aliases),
         "reason": why_words(p),
     }
+
+
+def _space(found: Diagnosis, per_axis: float) -> float | None:
+    """The 3D RMS in mm."""
+    return _number(1e3 * found.rms.in_space(per_axis))
 
 
 def _number(value: float) -> float | None:

@@ -1,4 +1,4 @@
-"""A validation in a report: errors at readings that the fit has not seen."""
+"""A validation in a report: errors at held-out readings."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ if TYPE_CHECKING:
 def validation_tables(found: Validation) -> tuple[ReportTable, ...]:
     """The 3D error before and after, and RMS by axis, for all readings and for each series."""
     parts = (found.whole, *(found.parts if len(found.parts) > 1 else ()))
-    header = ("readings", "count", "mean, mm", "95 %, mm", "max, mm", "nominal mean", "nominal max")
+    header = ("3D error", "count", "RMS, mm", "mean, mm", "95 %, mm", "max, mm", "nominal RMS", "nominal max")
     rows: list[tuple[str, ...]] = []
     for part in parts:
-        mean, most, largest = part.summary()
         before = part.summary(before=True)
-        rows.append((part.name, str(part.count), *map(_mm, (mean, most, largest, before[0], before[2]))))
+        rows.append((part.name, str(part.count), *map(_mm, (*part.summary(), before[0], before[-1]))))
     axes = tuple((part.name, *map(_mm, part.axes())) for part in parts)
     tables = [
         ReportTable(
             header,
             tuple(rows),
-            "3D error, the distance of the measured from the predicted point; nominal: of the "
-            "arm before the fit, in frames that suit it best.",
+            "Distance of the measured from the predicted point. Nominal: nominal model, best-fit alignment.",
         ),
-        ReportTable(("RMS by axis", "x, mm", "y, mm", "z, mm"), axes, "Of a gauge the first column is its own axis."),
+        ReportTable(
+            ("RMS by axis", "x, mm", "y, mm", "z, mm"), axes, "Gauges: along the gauge axis, in the first column."
+        ),
     ]
     if found.halves:
         low, middle, high = np.quantile(found.spread, [0.0, 0.5, 1.0])
@@ -42,7 +42,7 @@ def validation_tables(found: Validation) -> tuple[ReportTable, ...]:
             ReportTable(
                 ("RMS of the 3D error by half", "mm"),
                 (("smallest", _mm(low)), ("median", _mm(middle)), ("largest", _mm(high))),
-                "Each half of the poses fitted, the other judged.",
+                "Each half of the poses fitted, the errors those of the other.",
             )
         )
     return tuple(tables)

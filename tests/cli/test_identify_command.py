@@ -145,18 +145,18 @@ def test_a_fit_is_validated_on_another_file(simulated: Path, tmp_path: Path) -> 
     run("simulate", M900IB, PLAN, "-o", str(other), "--seed", "9")
     before = fit.read_text()
     output = run("validate", M900IB, str(fit), str(other), "--json", str(out), "--report", str(report))
-    assert "readings that the fit has not seen" in output
+    assert "at 36 held-out readings" in output
     found = told(out)
     assert (found["format"], found["robot"], found["seen"], found["halves"]) == (1, "fanuc_m900ib", False, 0)
     assert found["readings"] == len(read_readings(other, load_experiment(M900IB)))
-    assert 0.02 < found["rms_mm"] < 0.06, "the noise, 0.03 mm, and a little of the fit"
+    assert 0.02 < found["rms_per_axis_mm"] < 0.06, "the noise, 0.03 mm, and a little of the fit"
     assert found["error_mm"]["mean"] < found["error_mm"]["p95"] <= found["error_mm"]["max"]
     assert set(found["parts"]) == {"displacements"}
     page = report.read_text()
     assert "Validation" in page
     assert f"{found['error_mm']['mean']:.3f}" in page
     assert fit.read_text() == before
-    assert "has seen them" in run("validate", M900IB, str(fit), str(simulated))
+    assert "the readings of the fit" in run("validate", M900IB, str(fit), str(simulated))
 
 
 def test_random_halves_judge_a_fit(tmp_path: Path) -> None:
@@ -166,12 +166,12 @@ def test_random_halves_judge_a_fit(tmp_path: Path) -> None:
     results = []
     for seed in ("1", "1", "2"):
         output = run("validate", R2000IC, str(fit), "--halves", "4", "--seed", seed, "--json", str(out))
-        assert "halves that were not fitted, 4 random halves" in output
+        assert "the held-out halves, 4 random halves" in output
         results.append(told(out))
     assert results[0] == results[1]
     assert results[0]["spread_mm"] != results[2]["spread_mm"]
     assert len(results[0]["spread_mm"]) == results[0]["halves"] == 4
-    assert results[0]["rms_mm"] >= told(fit)["rms_mm"]["identified"] * 0.9
+    assert results[0]["rms_per_axis_mm"] >= told(fit)["rms_per_axis_mm"]["identified"] * 0.9
 
 
 def test_a_validation_that_cannot_be_is_refused(simulated: Path, tmp_path: Path) -> None:

@@ -89,8 +89,8 @@ def test_json_holds_what_the_report_shows(real: Diagnosis) -> None:
     assert [s["label"] for s in steps] == ["nominal", "identified", *(f"+ {f.name}" for f in real.findings), "noise"]
     held = [s["heldout_mm"] for s in steps]
     assert held == sorted(held, reverse=True)
-    assert held[1] == told["rms_mm"]["heldout_identified"]
-    assert held[-2] == told["rms_mm"]["heldout_extended"]
+    assert held[1] == told["error_mm"]["heldout_identified"]
+    assert held[-2] == told["error_mm"]["heldout_extended"]
     first = refitted(real.case, [real.findings[0].name], real.baseline.residuals)
     assert held[2] == pytest.approx(1e3 * first, rel=1e-6)
     before, after = told["lack_of_fit"]["before"], told["lack_of_fit"]["after"]

@@ -89,6 +89,6 @@ def test_the_wheel_runs_the_demo_in_an_environment_that_holds_what_it_needs(whee
         env=own,
     )
     assert run.returncode == 0, run.stderr
-    assert "0.234" in run.stdout
+    assert "0.406" in run.stdout
     assert (tmp_path / "out" / "report.html").is_file()
     assert run.stdout.splitlines()[-1] == "open: out/report.html (one file, no network needed)"

@@ -144,16 +144,16 @@ def test_each_kind_has_errors_of_its_own(arm: Experiment, kinds: dict[str, Readi
     fit = identify(arm, readings.with_values(value))
     assert sorted(fit.missed_kind.tolist()) == sorted(KINDS)
     found = {t.header[0]: dict(t.rows) for t in error_tables(fit)}
-    assert set(found) == {"displacements, RMS per axis", "gauges, RMS", "positions, RMS of the distance"}
-    for kind, name in zip(("displacement", "gauge", "position"), found, strict=True):
-        own, norm = fit.kind == kind, 3.0 if kind == "position" else 1.0
+    assert set(found) == {"displacements, 3D RMS", "gauges, 3D RMS", "positions, 3D RMS"}
+    for kind, name in zip(("position", "displacement", "gauge"), found, strict=True):
+        own, norm = fit.kind == kind, 1.0 if kind == "gauge" else 3.0
         square = norm * np.nanmean(np.square(fit.residuals[own]))
         assert float(found[name]["identified"]) == pytest.approx(1e3 * np.sqrt(square), abs=6e-5)
         left = np.concatenate([fit.left_out[own], fit.missed[fit.missed_kind == kind]])
         square = norm * np.nanmean(np.square(left))
-        assert float(found[name]["leave-one-pose-out"]) == pytest.approx(1e3 * np.sqrt(square), abs=6e-5)
+        assert float(found[name]["held-out (leave one pose out)"]) == pytest.approx(1e3 * np.sqrt(square), abs=6e-5)
         clean = float(found[name]["the same without masked rows"])
-        assert clean < 0.1 < 1.5 * float(found[name]["leave-one-pose-out"])
+        assert clean < 0.1 < 1.5 * float(found[name]["held-out (leave one pose out)"])
 
 
 @pytest.mark.parametrize("linear", [True, False])

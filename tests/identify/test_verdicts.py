@@ -54,7 +54,7 @@ def test_one_gross_reading_is_masked_and_counts_as_unseen(m900ib: Experiment, pl
     assert fit.rms_left_out == pytest.approx(both, rel=1e-6)
     stored = fit.as_json()
     assert stored["masked_rows"] == [int(readings.line[7])]
-    assert stored["rms_mm"]["leave_one_out"] > stored["rms_mm"]["leave_one_out_without_masked"]
+    assert stored["rms_per_axis_mm"]["leave_one_out"] > stored["rms_per_axis_mm"]["leave_one_out_without_masked"]
     kept = np.arange(len(readings)) != 7
     again = identify(m900ib, replace(wrong, use=kept), options=KEEP)
     assert np.allclose(fit.x, again.x, rtol=1e-9)

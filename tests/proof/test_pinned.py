@@ -322,7 +322,7 @@ def cable_pulls(folder: Path, model: str) -> Path:
 @pytest.mark.parametrize(("model", "by"), CABLE_PULLS)
 def test_cable_pulls(model: str, by: str, tmp_path: Path) -> None:
     fit = identify(cable_pulls(tmp_path, model), tmp_path, linear=by == "linear")
-    found = [fit["rms_mm"]["identified"], fit["rms_mm"]["leave_one_out"]]
+    found = [fit["rms_per_axis_mm"]["identified"], fit["rms_per_axis_mm"]["leave_one_out"]]
     assert found == pytest.approx(CABLE_PULLS[model, by], abs=MM)
     estimates = fit["estimates"]
     assert [n for n in JOINTS if estimates[n]["value"] < 0] == ([JOINTS[4]] if model == RELATIVE else [])
@@ -343,8 +343,8 @@ def test_positions(series: str, names: tuple[str, ...], tmp_path: Path) -> None:
     fit = identify(PINNED / "ur10" / "experiment.yaml", tmp_path, data, *chosen, linear=False)
     told, aside, error, left_out = POSITIONS[series, names]
     assert (len(fit["parameters"]), len(fit["left_aside"])) == (told, aside)
-    assert fit["rms_norm_mm"] == pytest.approx(error, rel=1e-3)
-    assert fit["rms_mm"]["leave_one_out_without_masked"] * 3**0.5 == pytest.approx(left_out, rel=1e-3)
+    assert fit["errors_mm"]["position"]["identified"] == pytest.approx(error, rel=1e-3)
+    assert fit["rms_per_axis_mm"]["leave_one_out_without_masked"] * 3**0.5 == pytest.approx(left_out, rel=1e-3)
     assert fit["masked_rows"] == WRONG_ROWS[series]
     if names == SPRINGS:
         found = in_units((fit["estimates"][n]["value"] for n in JOINTS[1:3]), 1e-6)
@@ -460,7 +460,7 @@ def check(found: dict[str, Any], hidden: Hidden) -> None:
     for name, value in hidden.values.items():
         estimate, true = cause["parameters"][name], float(value.partition(" ")[0])
         assert abs(estimate["value"] - true) < 4 * estimate["sd"], name
-    assert found["rms_mm"]["heldout_extended"] < found["rms_mm"]["heldout_identified"]
+    assert found["rms_per_axis_mm"]["heldout_extended"] < found["rms_per_axis_mm"]["heldout_identified"]
 
 
 @pytest.mark.parametrize("hidden", HIDDEN, ids=lambda h: f"{h.campaign}-{h.name}")
@@ -533,7 +533,7 @@ def test_what_real_readings_hold_beyond_six_springs(tmp_path: Path) -> None:
     found = diagnose(experiment, experiment.parent / "readings.csv")
     assert (found["verdict"], found["conventions"]) == ("partly_explained", ["controller_coupling[joint_3]"])
     assert {c["id"]: c["rivals"] for c in found["causes"]} == REAL_CAUSES
-    errors = [found["rms_mm"][name] for name in ("heldout_identified", "heldout_extended")]
+    errors = [found["rms_per_axis_mm"][name] for name in ("heldout_identified", "heldout_extended")]
     assert errors == pytest.approx(REAL_HELD_OUT, rel=0.02)
 
 

@@ -97,11 +97,11 @@ def test_the_readme_is_short_and_its_numbers_are_those_of_the_fits(readme: Ran, 
     assert len(page.split()) <= 700
     rows = re.findall(r"^\| .* \| ([\d.]+) mm \| ([\d.]+) mm \|", page, re.M)
     fits = real_readings(lambda *_: None)[1]
-    joints, _, offaxis = (fit["rms_mm"] for fit in fits.values())
-    rms = readme.json("ur10.json")["rms_mm"]
+    joints, _, offaxis = (fit["errors_mm"]["displacement"] for fit in fits.values())
+    rms = readme.json("ur10.json")["error_mm"]
     found = [
-        (joints["nominal"], joints["leave_one_out"]),
-        (joints["leave_one_out"], offaxis["leave_one_out"]),
+        (joints["nominal"], joints["held_out"]),
+        (joints["held_out"], offaxis["held_out"]),
         (rms["heldout_identified"], rms["heldout_extended"]),
     ]
     assert rows == [(f"{before:.3f}", f"{after:.3f}") for before, after in found]
@@ -132,7 +132,7 @@ def test_the_waves_that_are_named_are_there_by_another_computation(readme: Ran, 
         sd = np.hypot(found.sd[k], [v["sd"] for v in told])
         assert np.all(np.abs(found.waves[k] - [v["value"] for v in told]) < 3.0 * sd)
         assert np.hypot(*found.waves[k]) > 3.0 * np.hypot(*found.sd[k]), "it is not noise"
-    rms = answer["rms_mm"]
+    rms = answer["rms_per_axis_mm"]
     gain = 1.0 - rms["heldout_extended"] / rms["heldout_identified"]
     assert gain == pytest.approx(1.0 - found.with_waves / found.without, abs=0.05)
     assert rms["heldout_identified"] == pytest.approx(1e3 * found.without, rel=0.1)

@@ -8,7 +8,7 @@ from enum import Enum
 
 import numpy as np
 
-from qsframework.diagnose.result import Alike, Diagnosis, Leftover, Line, NamedCause, Status, Taught
+from qsframework.diagnose.result import Alike, Diagnosis, Errors, Leftover, Line, NamedCause, Status, Taught
 from qsframework.diagnose.selection.cross_validation import FOLDS
 from qsframework.diagnose.verdict import misfits
 from qsframework.discriminate.pair import Discrimination
@@ -108,10 +108,10 @@ def _open(found: Diagnosis) -> Iterator[str]:
         first = f"The readings {also}hold something that no effect of the library explains: {left}. Look there first."
         yield " ".join(filter(None, (first, why, *places_words(found.places))))
         if found.taught is not None:
-            yield learned_words(found.taught)
+            yield learned_words(found.taught, found.rms)
             yield alike_words(found.taught)
     elif found.taught is not None and found.taught.holds:
-        yield f"In the place of {names_words(found.doubtful)}: {learned_words(found.taught)}"
+        yield f"In the place of {names_words(found.doubtful)}: {learned_words(found.taught, found.rms)}"
         yield alike_words(found.taught)
     elif misfits(found.after):
         where = poses_words(worst_poses(found, _SHOWN))
@@ -199,7 +199,7 @@ def leftover_words(x: Leftover) -> str:
     return f"an extra motion at {place_words(x.law)} that depends on {variable_words(x.law)} (p = {x.p_value:.2g})"
 
 
-def learned_words(taught: Taught) -> str:
+def learned_words(taught: Taught, errors: Errors) -> str:
     """What the law that was learned is worth."""
     law = taught.leftover.law
     what = f"As {taught.name} its law was learned from the readings, {variable_words(law)} at {place_words(law)}"
@@ -207,9 +207,9 @@ def learned_words(taught: Taught) -> str:
         why = "the held-out error does not clearly fall" if taught.physical else "a value leaves its bounds"
         return f"{what}, but {why} with it: it is not written."
     return (
-        f"{what} (s = {taught.s:.1f}): the held-out error, {mm(taught.before)} mm without it and "
-        f"{mm(taught.heldout)} mm with it, falls by {100 * taught.gain:.0f} % in the noise that was found. It "
-        "predicts, and says nothing of the cause."
+        f"{what} (s = {taught.s:.1f}): held-out error {mm(errors.in_space(taught.before))} \u2192 "
+        f"{mm(errors.in_space(taught.heldout))} mm (3D RMS), {100 * taught.gain:.0f} % less in the noise that was "
+        "found. It is an empirical correction, not a physical explanation."
     )
 
 

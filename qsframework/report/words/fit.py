@@ -115,7 +115,7 @@ def fit_verdict(fit: Fit, poses: Poses | None = None) -> Verdict:
     unknown = [*(e.name for e in asked if e.state not in _KNOWN), *(entry.name for entry in fit.left_aside)]
     total = len(known) + len(unknown)
     p = fit.p_value
-    size = f"{mm(before)} \u2192 {mm(after)} mm at held-out poses"
+    size = f"{mm(before)} \u2192 {mm(after)} mm (3D RMS at held-out poses{_with_masked(fit)})"
     if not np.isfinite(after):
         size = "no pose can be left out, so nothing says how large the error is at others"
     told = f"{_all(total)} identified" if not unknown else f"{len(known)} of {total} parameters identified"
@@ -144,12 +144,18 @@ def fit_verdict(fit: Fit, poses: Poses | None = None) -> Verdict:
         word,
         f"{size}; {told}.",
         (
-            (f"{mm(after)} mm", "held-out error, RMS"),
+            (f"{mm(after)} mm", "held-out error, 3D RMS"),
             (f"{mm(before)} mm", "the same by the nominal model"),
             (f"{mm(largest)} mm", "largest distance at held-out poses"),
             (f"{len(known)} of {total}", "parameters identified"),
         ),
     )
+
+
+def _with_masked(fit: Fit) -> str:
+    """The error without masked rows too, where there are any."""
+    kept = next(of.get("held_out_without_masked") for of in fit.errors.values())
+    return "" if kept is None else f", all rows; {mm(kept)} without masked rows"
 
 
 def _all(total: int) -> str:

@@ -38,7 +38,8 @@ def headline(found: Diagnosis) -> str:
 def _table(found: Diagnosis, wrong: Sequence[Mistake]) -> str:
     """Where nothing but mistakes in the table, or in how it was read, is named."""
     more = f" ({len(wrong) - 1} more below)" if len(wrong) > 1 else ""
-    left = f"held-out error {mm(found.rms.heldout_identified)} mm, noise {mm(found.rms.noise)}"
+    e = found.rms.space
+    left = f"held-out error {mm(e.heldout_identified)} mm, noise {mm(e.noise)} (3D RMS)"
     if any(c.hides for c in wrong):
         rest = "no cause can be told beside it"
     elif found.verdict == "explained":
@@ -49,22 +50,25 @@ def _table(found: Diagnosis, wrong: Sequence[Mistake]) -> str:
 
 
 def _nothing(found: Diagnosis) -> str:
-    e = found.rms
+    e = found.rms.space
     seen = "the model fits within the noise and no cause of the library is seen"
-    return f"Nothing to name: {seen} (held-out error {mm(e.heldout_identified)} mm, noise {mm(e.noise)})."
+    return f"Nothing to name: {seen} (held-out error {mm(e.heldout_identified)} mm, noise {mm(e.noise)}, 3D RMS)."
 
 
 def _unexplained(found: Diagnosis) -> str:
-    e = found.rms
+    e = found.rms.space
     if found.leftovers:
         what = f"{_left(found)}, as no cause of the library does"
     else:
         what = f"more is left than the noise allows, most of it at {poses_words(worst_poses(found, _WORST))}"
     t = found.taught
     if t is not None and t.holds:
-        left = f"its law was learned, and the held-out error falls from {mm(t.before)} to {mm(t.heldout)} mm"
-        return f"Unexplained: {what}; {left} (noise {mm(e.noise)})."
-    return f"Unexplained: {what}; the held-out error stays at {mm(e.heldout_identified)} mm, noise {mm(e.noise)}."
+        before, after = (mm(found.rms.in_space(v)) for v in (t.before, t.heldout))
+        left = f"an empirical correction was learned, held-out error {before} \u2192 {after} mm"
+        return f"Unexplained: {what}; {left} (3D RMS, noise {mm(e.noise)})."
+    return (
+        f"Unexplained: {what}; the held-out error stays at {mm(e.heldout_identified)} mm (3D RMS, noise {mm(e.noise)})."
+    )
 
 
 def _left(found: Diagnosis) -> str:
@@ -73,18 +77,18 @@ def _left(found: Diagnosis) -> str:
 
 
 def _gain(found: Diagnosis, they: str = "") -> str:
-    e = found.rms
+    e = found.rms.space
     if found.method.one_pose:
         return "only one pose was measured, so nothing says whether this holds at another one"
     before, after = e.heldout_identified, e.heldout_extended
     if not np.isfinite(after / before):
         return "no held-out error can be computed"
     if after < before and not they:
-        fall = f"falls by {100 * e.heldout_gain:.0f} %, from {mm(before)} to {mm(after)} mm"
-        return f"the held-out error {fall} (noise {mm(e.noise)})"
-    beside = f" with {they}" if they else ""
-    change = f"{mm(before)} -> {mm(after)} mm, noise {mm(e.noise)}"
-    return f"the held-out error does not clearly fall{beside} ({change})"
+        gain = f"{mm(before)} \u2192 {mm(after)} mm, {100 * e.heldout_gain:.0f} % less"
+        return f"held-out error {gain} (3D RMS, noise {mm(e.noise)})"
+    given = f" with {they}" if they else ""
+    change = f"{mm(before)} \u2192 {mm(after)} mm, 3D RMS, noise {mm(e.noise)}"
+    return f"the held-out error is not clearly smaller{given} ({change})"
 
 
 def _reasons(found: Diagnosis) -> Iterator[str]:
@@ -156,7 +160,7 @@ _MARKS: dict[str, tuple[Mark, str]] = {
 
 def diagnosis_verdict(found: Diagnosis) -> Verdict:
     """The headline with the held-out error, before and after, and the noise."""
-    e = found.rms
+    e = found.rms.space
     mark, word = _MARKS[found.verdict]
     named = f"{len(found.sure)}" + (f" + {len(found.doubtful)} doubtful" if found.doubtful else "")
     return Verdict(
@@ -164,7 +168,7 @@ def diagnosis_verdict(found: Diagnosis) -> Verdict:
         word,
         headline(found),
         (
-            (f"{mm(e.heldout_extended)} mm", "held-out error, with the causes"),
+            (f"{mm(e.heldout_extended)} mm", "held-out error with the causes, 3D RMS"),
             (f"{mm(e.heldout_identified)} mm", "without them"),
             (f"{mm(e.noise)} mm", "noise alone"),
             (named, f"named of {len(found.table)} causes tried"),
