@@ -21,7 +21,7 @@ from qsframework.experiment import Frame, example, load_experiment, plan, readin
 from qsframework.experiment.account import Account
 from qsframework.experiment.columns import Column
 from qsframework.files import FileModel, FileRecord, fields, measured
-from qsframework.identify import Estimate, FitRecord, Held, LeftAside, Masked
+from qsframework.identify import Estimate, FitRecord, Held, Masked, NotEstimated
 from qsframework.robot.spec import JointSpec, RobotSpec
 
 DOCS = Path(__file__).parent
@@ -54,12 +54,12 @@ MODELS: dict[str, type[FileModel | FileRecord]] = {
     "fit.json, estimates": Estimate,
     "fit.json, account": Account,
     "fit.json, frames": Frame,
-    "fit.json, left_aside": LeftAside,
+    "fit.json, not_estimated": NotEstimated,
     "fit.json, held": Held,
     "fit.json, intervals": Interval,
     "fit.json, cleaned and gross": Masked,
 }
-NAMED = {Estimate: "name", Frame: "series", LeftAside: "name", Held: "name", Interval: "name"}
+NAMED = {Estimate: "name", Frame: "series", NotEstimated: "name", Held: "name", Interval: "name"}
 """Records that stand in their file under this field of theirs, which is no key in it."""
 
 

@@ -90,9 +90,20 @@ def follow_up(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> FollowUp:
-    """`count` visits that settle best what a diagnosis leaves open, two of them as repeats of the first day's.
+    """Plan a second day that best decides what a diagnosis leaves open.
 
-    Raises InputError where nothing is open, or no candidate is allowed.
+    Args:
+        diagnosis: of the first day.
+        count: visits, two of them repeats of the first day's.
+        candidates: how many to draw, or poses (N, n) rad.
+        seed: random seed.
+        progress: called with each step, how much is done and of how much.
+
+    Returns:
+        The plan, and the probability of the right place before and after it.
+
+    Raises:
+        InputError: where nothing is open, or no candidate is allowed.
     """
     tell: Progress = progress or (lambda step, done, total: None)
     if diagnosis.verdict == "none":
