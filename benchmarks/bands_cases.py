@@ -146,11 +146,11 @@ def said(r: Result) -> str:
     if "answer" in r:
         a = r["answer"]
         return f"{a.get('outcome', 'said')}: {', '.join([*a['said'], *a.get('physical', ())]) or 'nothing'}"
-    causes = [(c["id"], c["rivals"]) for c in r.get("causes", ())] + [
-        (c["name"], c["rivals"]) for c in r.get("findings", ())
+    causes = [(c["id"], c["alternatives"]) for c in r.get("causes", ())] + [
+        (c["name"], c["alternatives"]) for c in r.get("findings", ())
     ]
     names = [*r.get("conventions", ()), *r.get("names", ())]
-    names += [f"{name} of {1 + len(rivals)}" if rivals else name for name, rivals in causes]
+    names += [f"{name} of {1 + len(alternatives)}" if alternatives else name for name, alternatives in causes]
     learned = r.get("learned")
     names += [learned[0]] if learned and learned[1] else []
     return f"{r['verdict']}: {', '.join(names) or 'nothing named'}"
@@ -212,7 +212,7 @@ def _explained(r: Result) -> bool:
 
 
 def _single(r: Result) -> bool:
-    return first.named(r) and all(not c["rivals"] for c in r["causes"])
+    return first.named(r) and all(not c["alternatives"] for c in r["causes"])
 
 
 def _had(r: Result) -> bool:

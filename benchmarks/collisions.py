@@ -32,14 +32,14 @@ def main() -> None:
     parser.add_argument("--flange", action="append", default=[], help="FILE=LINK, where the file needs it")
     parser.add_argument("--package", action="append", default=[], help="NAME=FOLDER")
     parser.add_argument("--poses", type=int, default=2000)
-    wish = parser.parse_args()
-    flanges = dict(text.split("=", 1) for text in wish.flange)
-    packages = {name: Path(folder) for name, folder in (text.split("=", 1) for text in wish.package)}
+    options = parser.parse_args()
+    flanges = dict(text.split("=", 1) for text in options.flange)
+    packages = {name: Path(folder) for name, folder in (text.split("=", 1) for text in options.package)}
     print("| arm | triangles | pairs | poses that touch | missed | refused though free | CPU s for all poses |")
     print("|---|---|---|---|---|---|---|")
-    for file in wish.urdf:
+    for file in options.urdf:
         with tempfile.TemporaryDirectory() as folder:
-            print(row(file, flanges.get(file.stem), packages, Path(folder), wish.poses), flush=True)
+            print(row(file, flanges.get(file.stem), packages, Path(folder), options.poses), flush=True)
 
 
 def row(file: Path, flange: str | None, packages: dict[str, Path], folder: Path, count: int) -> str:

@@ -234,7 +234,7 @@ def _diagnosed(case: Case, truth: Truth) -> Result:
         "seconds": round(seconds, 3),
         "search_s": round(clock.get("closing gate", np.nan) - clock.get("search", np.nan), 3),
         "verdict": told["verdict"],
-        "causes": [{"id": c["id"], "rivals": c["rivals"], "p": c["p_value"]} for c in told["causes"]],
+        "causes": [{"id": c["id"], "alternatives": c["alternatives"], "p": c["p_value"]} for c in told["causes"]],
         "conventions": told.get("conventions", []),
         "problems": [p["id"] for p in told["data_problems"]],
         "leftovers": told.get("leftovers", [])[:1],
@@ -263,7 +263,7 @@ def _off(truth: Truth, told: Result) -> dict[str, float]:
 def _angles(truth: Truth, told: Result) -> list[dict[str, float]]:
     """For each hidden effect: angle (deg) between what it did and what each named cause or rival can do."""
     h = truth.hider
-    names = {n for c in told["causes"] for n in (c["id"], *c["rivals"])}
+    names = {n for c in told["causes"] for n in (c["id"], *c["alternatives"])}
     spaces = {n: h.subspace(h.instances[n]) for n in sorted(names) if n in h.instances}
     return [{n: round(float(np.rad2deg(hidden.angle(v, q))), 2) for n, q in spaces.items()} for v in truth.vectors]
 
@@ -374,7 +374,7 @@ def named(r: Result, i: int = 0) -> bool:
     for c in r["causes"]:
         if c["id"] == truth:
             return True
-        members = (c["id"], *c["rivals"])
+        members = (c["id"], *c["alternatives"])
         if truth in members and all(m == truth or r["angles"][i].get(m, 90.0) < DEGREES for m in members):
             return True
     return False
@@ -386,7 +386,7 @@ def matched(r: Result, i: int) -> bool:
 
 
 def covered(r: Result, i: int = 0) -> bool:
-    return any(r["truth"]["effects"][i] in (c["id"], *c["rivals"]) for c in r["causes"])
+    return any(r["truth"]["effects"][i] in (c["id"], *c["alternatives"]) for c in r["causes"])
 
 
 def exactly(r: Result) -> bool:
@@ -473,7 +473,7 @@ def scores(results: Sequence[Result]) -> list[Row]:
 
 
 def _set_size(results: Sequence[Result]) -> Row:
-    sizes = [1 + len(c["rivals"]) for r in results for c in r["causes"]]
+    sizes = [1 + len(c["alternatives"]) for r in results for c in r["causes"]]
     mean = float(np.mean(sizes)) if sizes else float("nan")
     half = 1.96 * float(np.std(sizes)) / np.sqrt(max(len(sizes), 1)) if sizes else float("nan")
     met = "yes" if mean <= 1.5 else "within the interval" if mean - half <= 1.5 else "no"
@@ -543,7 +543,7 @@ def by_size(results: Sequence[Result]) -> str:
         if not chosen:
             continue
         off = [v for r in chosen for v in r["off"].values()]
-        sizes = [1 + len(c["rivals"]) for r in chosen for c in r["causes"]]
+        sizes = [1 + len(c["alternatives"]) for r in chosen for c in r["causes"]]
         asked = (alarmed, named, lambda r: matched(r, 0), covered, lambda r: len(r["causes"]) > 1)
         cells = [f"{100 * sum(map(f, chosen)) / len(chosen):.1f} %" for f in asked]
         inside = f"{100 * np.mean(np.abs(off) <= 3.0):.1f} %" if off else "-"

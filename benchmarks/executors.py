@@ -21,7 +21,7 @@ import numpy as np
 
 from qsframework.applications.compare import compare
 from qsframework.applications.task import load_task
-from qsframework.design import Wish, design
+from qsframework.design import DesignOptions, design
 from qsframework.experiment import example, load_experiment
 from qsframework.forecast.power import forecast
 from qsframework.robot import load_robot
@@ -39,17 +39,17 @@ def spectra(size: int, seed: np.random.SeedSequence) -> Array:
 def jobs() -> dict[str, Callable[[Work], bytes]]:
     """Long work, each returning its result's bytes."""
     experiment = load_experiment(example("m900ib") / "experiment.yaml")
-    few = design(experiment, 16, candidates=300, wish=Wish(polish=False))
+    few = design(experiment, 16, candidates=300, options=DesignOptions(polish=False))
     task = load_task(Path(__file__).resolve().parents[1] / "examples" / "compare" / "task.yaml")
     robots = [load_robot(name) for name in ("fanuc_m900ib", "fanuc_r2000ic")]
-    wish = Wish(polish=False)
+    options = DesignOptions(polish=False)
     seeds = np.random.SeedSequence(0).spawn(60)
     return {
         "Monte Carlo, 60 tasks of 40 spectra": lambda work: b"".join(
             a.tobytes() for a in run(spectra, 150, seeds, work)
         ),
         "design, 20 poses of 20,000 candidates": lambda work: design(
-            experiment, 20, candidates=20_000, wish=wish, work=work
+            experiment, 20, candidates=20_000, options=options, work=work
         ).pendant.tobytes(),
         "forecast of 16 poses, 112 causes": lambda work: forecast(experiment, few, work=work).angles.tobytes(),
         "two robots compared": lambda work: repr(compare(robots, task, work=work).as_json()).encode(),

@@ -104,7 +104,7 @@ def fresh_errors(campaign: Campaign, hidden: Hidden, found: Diagnosis) -> Fresh:
     """The errors of a diagnosis at poses of the same arm under the same loads that nobody has measured."""
     setting = replace(campaign.setting, poses=_POSES, seed=campaign.setting.seed + _SEED, plan=None, noise="nominal")
     fresh = Campaign(setting)
-    fit = found.taught.fit if found.taught is not None and found.taught.holds else found.certain
+    fit = found.learned.fit if found.learned is not None and found.learned.holds else found.certain
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
         base, extended = (
@@ -143,7 +143,7 @@ def spoken(found: Diagnosis) -> list[tuple[set[str], set[str]]]:
     """Words for the places and the variables that the answer says: of the learned law, or of what is left, first; else
     the places of its names, and what their laws depend on."""
     laws = [found.leftovers[0].law] if found.leftovers else []
-    laws += [found.taught.leftover.law] if found.taught is not None else []
+    laws += [found.learned.leftover.law] if found.learned is not None else []
     facts = found.experiment.robot.facts
     if laws:
         return [_words(laws[0], facts)]
@@ -152,11 +152,11 @@ def spoken(found: Diagnosis) -> list[tuple[set[str], set[str]]]:
 
 def among(found: Diagnosis) -> list[tuple[set[str], set[str]]]:
     """The same of all that the answer leaves open: each place where what is left may be, by its likeliest law; else the
-    rivals of names, too."""
+    alternatives of names, too."""
     facts = found.experiment.robot.facts
-    if found.leftovers or found.taught is not None:
+    if found.leftovers or found.learned is not None:
         return [*spoken(found), *(_words(law, facts) for x in found.places for law in (x.law, *x.equivalent))]
-    return [*spoken(found), *(named_words(r.name, facts) for f in found.findings for r in f.rivals)]
+    return [*spoken(found), *(named_words(r.name, facts) for f in found.findings for r in f.alternatives)]
 
 
 def alike(found: Diagnosis) -> list[tuple[set[str], set[str]]]:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from common import ROOT
 
-from qsframework.applications.protocol import ProtocolWish, make_protocol
+from qsframework.applications.protocol import ProtocolOptions, make_protocol
 from qsframework.elastostatics.so3 import exponential
 from qsframework.experiment import load_experiment, make_plan, write_plan
 from qsframework.experiment.simulate import prior_draws
@@ -22,7 +22,7 @@ from qsframework.plugin import Poses
 
 SEED = 8
 SIGMA = 3e-5
-WISH = ProtocolWish(cycles=1, half=False, repeat_share=0.0)
+WISH = ProtocolOptions(cycles=1, half=False, repeat_share=0.0)
 READ, WRONG, OFF = 5, 4, 2.0
 """Visits that were read; the one at which joint 3 stands elsewhere, and by how many degrees."""
 POSES = (

@@ -187,9 +187,9 @@ def main() -> None:
     two_days(made, size, folder)
     experiment = load_experiment(path)
     found = diagnose(experiment, read_readings(experiment.data, experiment))
-    assert found.taught is not None
-    assert found.taught.name == NAME
-    seen = curve(found.taught, experiment.robot.facts)
+    assert found.learned is not None
+    assert found.learned.name == NAME
+    seen = curve(found.learned, experiment.robot.facts)
     assert seen is not None
     angles = np.deg2rad(np.arange(-105, 106, 30))
     per = 1e6 * TORQUE / seen.torque

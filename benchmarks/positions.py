@@ -26,7 +26,7 @@ import numpy as np
 from common import memory, show, table
 from figaroh import readings as ur10_readings, rms, run as figaroh
 
-from qsframework.design import Wish, design
+from qsframework.design import DesignOptions, design
 from qsframework.design.certified import relaxed_design
 from qsframework.design.column_generation import Relaxed
 from qsframework.design.criteria import Determinant
@@ -35,13 +35,13 @@ from qsframework.design.minimax import Robust
 from qsframework.design.problem import make_problem
 from qsframework.errors import QsfError
 from qsframework.estimation import scales
-from qsframework.experiment import Experiment, Plan, Readings, bridge, load_experiment, read_readings
+from qsframework.experiment import Experiment, Plan, Readings, load_experiment, observation_model, read_readings
 from qsframework.experiment.observations import start_values
 from qsframework.experiment.setup import StatedNoise
 from qsframework.experiment.simulate import planned_readings
 from qsframework.experiment.stations import station_frame
 from qsframework.identify import identify
-from qsframework.information import promised_sd
+from qsframework.information import predicted_sd
 from qsframework.plugin import Array, Indices
 
 Row = tuple[str, str, str]
@@ -77,11 +77,11 @@ rigid: true
 def drawn(experiment: Experiment, plan: Plan, draws: int) -> tuple[list[str], Array, Array]:
     """Names, predicted sds and sds (p,) of so many draws of the noise, of what a plan identifies."""
     names = experiment.fit_names()
-    predicted = promised_sd(experiment, plan, names)
+    predicted = predicted_sd(experiment, plan, names)
     kept = [name for name, sd in zip(names, predicted, strict=True) if np.isfinite(sd)]
     readings = planned_readings(experiment, plan, start_values(experiment, names))
     frames = [station_frame(experiment, f) for f in readings.frames]
-    o = bridge(experiment, readings, kept, frames=frames)
+    o = observation_model(experiment, readings, kept, frames=frames)
     obs, z0 = o.observations(), o.start
     J, truth = obs.jacobian(z0), obs.predict(z0)
     size = np.concatenate([np.full(o.motions, 1e-2), scales(list(o.parameters[o.motions :]))])
@@ -103,7 +103,9 @@ def sds(quick: bool) -> list[Row]:
     with tempfile.TemporaryDirectory() as folder:
         for robot in ROBOTS:
             experiment = campaign(Path(folder), robot)
-            plan = design(experiment, POSES, candidates=200, wish=Wish(criterion="D", polish=False, starts=3))
+            plan = design(
+                experiment, POSES, candidates=200, options=DesignOptions(criterion="D", polish=False, starts=3)
+            )
             kept, predicted, found = drawn(experiment, plan, draws)
             ratio = found / predicted
             far, count = far + int((np.abs(ratio - 1.0) > 3.0 * error).sum()), count + len(kept)
@@ -153,7 +155,7 @@ def on_real_poses(draws: int, candidates: int) -> list[dict[str, float]]:
         rng = np.random.default_rng(100 + draw)
         some = np.sort(rng.choice(len(q), candidates, replace=False))
         pendant = readings.poses.pendant[readings.plus[some]]
-        plan = design(planned, CHOSEN, candidates=pendant, wish=Wish(criterion="D", polish=False, starts=5))
+        plan = design(planned, CHOSEN, candidates=pendant, options=DesignOptions(criterion="D", polish=False, starts=5))
         at = [int(np.argmin(np.abs(pendant - p).max(axis=1))) for p in plan.pendant]
         with tempfile.TemporaryDirectory() as folder:
             path, rows = Path(folder) / "q.npy", Path(folder) / "rows.npz"
@@ -208,7 +210,7 @@ def cost(quick: bool) -> list[Row]:
         problem = make_problem(experiment, pendant, 30)
         wanted = problem.wanted.tolist()
         rule = Robust(Determinant("D", "", np.eye(problem.reading.width)[:, wanted]))
-        relaxed: Relaxed = relaxed_design(problem, rule, Wish(criterion="D"), 0, lambda b: None)[0]
+        relaxed: Relaxed = relaxed_design(problem, rule, DesignOptions(criterion="D"), 0, lambda b: None)[0]
         whole = time.process_time() - start
     what = f"{count:,} candidates x {len(experiment.markers)} markers x {len(problem.names)} parameters x 2 stations"
     said = f"{whole:.1f} s CPU, {memory():.0f} MB, certified to {np.floor(1e6 * relaxed.efficiency) / 1e6:.6f}"

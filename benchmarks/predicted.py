@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from common import replace_between, shelved, table
 
-from qsframework.design import Wish, design, generate_candidates
+from qsframework.design import DesignOptions, design, generate_candidates
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError
 from qsframework.estimation import FitOptions, scales
@@ -353,7 +353,7 @@ def efficiency(experiment: Experiment, criterion: str, candidates: int, poses: i
     """What a plan is certified for, and its efficiency by differences of predictions against the relaxed optimum of
     the same candidates. Polished plans are no longer held to these: both may be above 1."""
     drawn = generate_candidates(experiment, candidates, seed=0)
-    plan = design(experiment, poses, candidates=drawn, wish=Wish(criterion=criterion, repeats=True))
+    plan = design(experiment, poses, candidates=drawn, options=DesignOptions(criterion=criterion, repeats=True))
     pendant, q = drawn.pendant, experiment.robot.controller.to_joints(drawn.pendant)
     every = [Poses(pendant, q, np.tile(load.wrench, (len(q), 1))) for load in experiment.loads]
     best = poses * best_relaxed(np.concatenate([by_differences(experiment, p) for p in every]), criterion)

@@ -280,7 +280,7 @@ def answer(told: Told, fresh: bool = False) -> Result:
     findings = [
         {
             "name": found.name,
-            "rivals": [r.name for r in found.rivals],
+            "alternatives": [r.name for r in found.alternatives],
             "doubtful": bool(found.doubtful),
             "s": round(found.s, 2),
             "p": float(found.p_value),
@@ -295,7 +295,7 @@ def answer(told: Told, fresh: bool = False) -> Result:
         "verdict": d.verdict,
         "findings": findings,
         "leftovers": [[x.law.name, float(x.p_value)] for x in d.leftovers[:3]],
-        "learned": None if d.taught is None else [d.taught.name, d.taught.holds, round(d.taught.gain, 3)],
+        "learned": None if d.learned is None else [d.learned.name, d.learned.holds, round(d.learned.gain, 3)],
         **_said(d),
         "fresh": _fresh(told, d) if fresh else None,
         "rms_mm": [round(1e3 * v, 5) for v in (d.rms.heldout_identified, d.rms.heldout_extended, d.rms.noise)],
@@ -375,7 +375,7 @@ def is_name(name: str, truth: str) -> bool:
 
 def named(r: Result) -> bool:
     """Whether the right cause is a name, or a rival of one."""
-    told = [n for found in r["findings"] for n in (found["name"], *found["rivals"])]
+    told = [n for found in r["findings"] for n in (found["name"], *found["alternatives"])]
     return all(any(is_name(n, truth) for n in told) for truth in r["truth"])
 
 

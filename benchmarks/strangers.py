@@ -39,16 +39,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="*", default=[], help="names of strangers")
     parser.add_argument("--write", action="store_true", help="write benchmarks/strangers.md")
-    wish = parser.parse_args()
+    options = parser.parse_args()
     lines = ["| file | angles | what happened | `qsf new`, CPU s | all, CPU s |", "|---|---|---|---|---|"]
     for stranger in EVERY:
-        if wish.only and stranger.name not in wish.only:
+        if options.only and stranger.name not in options.only:
             continue
         with tempfile.TemporaryDirectory() as folder:
             steps = list(chain(stranger, Path(folder)))
             lines.append(row(stranger, steps, folder))
         print(lines[-1], flush=True)
-    if wish.write:
+    if options.write:
         told = f"\nMade on {date.today():%Y-%m-%d}, {machine()}, by `python benchmarks/strangers.py --write`.\n"
         told += "All went through one process: a `qsf new` of its own takes half a second more, to start.\n"
         write_text(PAGE, HEAD + "\n".join(lines) + "\n" + told)

@@ -817,11 +817,11 @@ def collision_guard(arm: Arm, rng: np.random.Generator) -> Unknown:
 def gaping_changer(arm: Arm, rng: np.random.Generator) -> Unknown:
     """A tool changer's lock gapes where the tool hangs straight down from it, and then tilts more by the moment."""
     k = len(arm.links) - 1
-    face = np.abs(np.array(arm.links[k].axis, dtype=np.float64))
+    view_of = np.abs(np.array(arm.links[k].axis, dtype=np.float64))
 
     def make(size: float) -> Hidden:
         def law(own: Array, still: Rest) -> Array:
-            hangs = np.maximum((still.turned[:, -1] @ face) @ DOWN, 0.0)
+            hangs = np.maximum((still.turned[:, -1] @ view_of) @ DOWN, 0.0)
             return size * own * hangs**2
 
         return Hidden(springs=tuple(Spring(k, "after", axis, law=law) for axis in axes_across(arm, k)))

@@ -31,7 +31,7 @@ from qsframework.experiment.account import Account
 from qsframework.experiment.columns import Column
 from qsframework.files import FileModel, FileRecord, Unit, fields, measured
 from qsframework.files.formats import FORMAT
-from qsframework.identify import Estimate, FitRecord, Held, LeftAside, Masked
+from qsframework.identify import Estimate, FitRecord, Held, Masked, NotEstimated
 from qsframework.report.result_json import diagnosis_json
 from qsframework.robot.spec import JointSpec, RobotSpec
 
@@ -65,12 +65,12 @@ MODELS: dict[str, type[FileModel | FileRecord]] = {
     "fit.json, estimates": Estimate,
     "fit.json, account": Account,
     "fit.json, frames": Frame,
-    "fit.json, left_aside": LeftAside,
+    "fit.json, not_estimated": NotEstimated,
     "fit.json, held": Held,
     "fit.json, intervals": Interval,
     "fit.json, cleaned and gross": Masked,
 }
-NAMED = {Estimate: "name", Frame: "series", LeftAside: "name", Held: "name", Interval: "name"}
+NAMED = {Estimate: "name", Frame: "series", NotEstimated: "name", Held: "name", Interval: "name"}
 """Records that stand in their file under this field of theirs, which is no key in it."""
 
 

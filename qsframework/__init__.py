@@ -22,9 +22,9 @@ __all__[:] = sorted({*__all__, *_SHORT, "__version__"} - {*_SHORT.values()})
 
 
 def _view(result: object) -> View:
-    from qsframework.report.faces import face
+    from qsframework.report.views import view_of
 
-    return face(result)
+    return view_of(result)
 
 
 MAKERS[:] = [_view]

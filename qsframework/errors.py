@@ -91,7 +91,7 @@ class NotIdentifiable(QsfError):
 
     def __init__(
         self,
-        message: str = "these readings cannot tell the parameters",
+        message: str = "these readings do not identify the parameters",
         unseen: Sequence[str] = (),
         groups: Sequence[Sequence[str]] = (),
         at_bound: Sequence[str] = (),
@@ -99,7 +99,7 @@ class NotIdentifiable(QsfError):
         self.unseen, self.groups = tuple(unseen), tuple(tuple(g) for g in groups)
         self.at_bound = tuple(at_bound)
         said = [f"{name}: no reading depends on it" for name in self.unseen]
-        said += [f"{', '.join(group)}: the readings tell only a combination of these" for group in self.groups]
+        said += [f"{', '.join(group)}: only a combination of these is identifiable" for group in self.groups]
         at = f" (with {', '.join(self.at_bound)} at its bound)" if self.at_bound else ""
         super().__init__(f"{message}{at}" + (f": {'; '.join(said)}" if said else ""))
 

@@ -230,8 +230,8 @@ def _causes(experiment: Experiment, found: Diagnosis, anyway: bool) -> tuple[str
         hint = f"Let `qsf diagnose {experiment.path}` write the extended robot, then identify and certify that."
         raise InputError(Problem(f"no certificate: {said}", found.readings.where, hint=hint, argument=("anyway", "")))
     notes = [f"the readings hint at {f.name}, which the model does not have" for f in found.findings]
-    if found.taught is not None and found.taught.holds:
-        before, after = (f"{1e3 * found.rms.in_space(e):.3f} mm" for e in (found.taught.before, found.taught.heldout))
+    if found.learned is not None and found.learned.holds:
+        before, after = (f"{1e3 * found.rms.in_space(e):.3f} mm" for e in (found.learned.before, found.learned.heldout))
         notes.append(
             f"something acts that no cause of the library explains; with a law that is learned of it, the held-out "
             f"error (3D RMS) is {after} instead of {before}"

@@ -11,17 +11,18 @@ import numpy as np
 
 from qsframework.applications.reach import Free, Reached, ReachTool, reach, tool_of
 from qsframework.applications.task import Task
-from qsframework.design import Wish, design
+from qsframework.design import DesignOptions, design
 from qsframework.elastostatics import Model, cartesian_compliance, equilibrium, make_model, range_notes
 from qsframework.errors import InputError, NotCertified, NotConverged, NotIdentifiable
 from qsframework.estimation import scales
 from qsframework.experiment import Constraints, Experiment, LoadCase, Marker, Plan, StatedNoise
-from qsframework.information import information_rows, promised_sd
+from qsframework.information import information_rows, predicted_sd
 from qsframework.plugin import Array, Parameter, Poses
 from qsframework.plugin.facts import frozen
 from qsframework.robot import Robot
 from qsframework.robot.collision import Flags, above_floor, make_collider
 from qsframework.robot.kinematics import joint_frames
+from qsframework.viewed import Viewed
 from qsframework.work import HERE, Work, run
 
 _SPREAD = 0.2
@@ -58,8 +59,8 @@ class Compared:
         return np.isfinite(self.deflection)
 
 
-@dataclass(frozen=True, eq=False)
-class Comparison:
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison(Viewed):
     """All robots on one task."""
 
     task: Task
@@ -122,7 +123,19 @@ def compare(
 ) -> Comparison:
     """Compare robots on a task, each by its nominal parameters (see `with_fit`).
 
-    notes: more to say, by robot; work: where, robot by robot
+    Args:
+        robots: two or more robots, by name, by path or as Robot.
+        task: path, map and campaign.
+        seed: random seed of the candidates of the campaign.
+        tell: called with each step, its number and how many there are.
+        notes: more to say, by the robot's name.
+        work: where it is computed, robot by robot.
+
+    Returns:
+        Deflections, m, in the map and along the path, and predicted sds.
+
+    Raises:
+        InputError: where a robot is not found or cannot do the task's campaign.
     """
     names = [r.name for r in robots]
     if len(set(names)) != len(names) or len(names) < 2:
@@ -161,7 +174,7 @@ def _one(robot: Robot, task: Task, seed: int) -> Compared:
     sds = np.full(len(experiment.fit_names()), np.nan)
     plan, campaign = _designed(experiment, task, poses.take(reached) if reached.any() else None, seed)
     if plan is not None:
-        sds = promised_sd(experiment, plan)
+        sds = predicted_sd(experiment, plan)
         after[reached] = _after(experiment, model, plan, poses.take(reached))
     points = np.flatnonzero(reached)
     beyond = range_notes(model, poses.take(reached), [f"point {i + 1} of the path" for i in points])
@@ -254,10 +267,12 @@ def _deflections(model: Model, poses: Poses) -> Array:
 
 def _designed(experiment: Experiment, task: Task, work: Poses | None, seed: int) -> tuple[Plan | None, str]:
     """The campaign's plan, best for the tip along the path (the parameters, if none of it is reached), or why none."""
-    wish = Wish(criterion="D" if work is None else "I", efficiency=_EFFICIENCY, polish=False)
+    options = DesignOptions(criterion="D" if work is None else "I", efficiency=_EFFICIENCY, polish=False)
     count = task.campaign.poses
     try:
-        plan = design(experiment, count, candidates=task.campaign.candidates, seed=seed, wish=wish, test_poses=work)
+        plan = design(
+            experiment, count, candidates=task.campaign.candidates, seed=seed, options=options, test_poses=work
+        )
     except (InputError, NotIdentifiable, NotCertified) as error:
         return None, f"no plan of {count} poses: {error}"
     best = "the parameters: no point of the path is reached" if work is None else "the tip along the path"

@@ -28,6 +28,7 @@ from qsframework.identify.soundness import check_fit
 from qsframework.plugin import Array, Indices, Load, Poses
 from qsframework.plugin.facts import frozen
 from qsframework.units import JointUnits
+from qsframework.viewed import Viewed
 
 REFERENCES = ("commanded", "unloaded")
 _STEPS = 15
@@ -43,8 +44,8 @@ _NOTHING = 1e-12
 Tell = Callable[[str, int, int], None]
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Compensation:
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Compensation(Viewed):
     """N corrected targets, and what is left where.
 
     pendant (N, n) rad, m: the corrected angles and travels, units theirs
@@ -129,19 +130,28 @@ def compensate(
     *,
     anyway: bool = False,
 ) -> Compensation:
-    """Correct targets by an identified model.
+    """Correct targets for deflection under load by an identified model.
 
-    reference "commanded": the tip is wanted where the controller's own kinematics put it, so gravity, compensators and
-    errors of geometry that the fit knows are corrected too; "unloaded": where the arm stands without the wrench, as for
-    targets that were taught with an empty hand (joint targets only).
+    The covariance is that of the fit, widened where its residuals exceed their noise (`FitRecord.widening`), and of the
+    stated sds of what it held at nominal.
 
-    The covariance is that of the fit, widened where its residuals do not fit their noise (`FitRecord.widening`), and of
-    the stated sds of what it held at nominal values.
-    anyway: use a fit that is not to be trusted, and note why it is not (`soundness.check_fit`).
+    Args:
+        experiment: the campaign of the fit.
+        fit: the identified values.
+        targets: N targets with their wrenches.
+        reference: "commanded": the target is where the controller's own kinematics put the tip, so gravity,
+            compensators and errors of geometry that the fit knows are corrected too; "unloaded": where the arm
+            stands without the wrench, as for targets recorded with an empty hand (joint targets only).
+        tell: called with each step, its number and how many there are.
+        anyway: use a rejected fit, and note the reason (`soundness.check_fit`).
 
-    Raises InputError where the fit is of another robot or not to be trusted, an actuator is overloaded, nothing in the
-    model gives under the wrenches, a target cannot be corrected within the limits, or the arm does not carry the
-    wrench there.
+    Returns:
+        Corrected joint values (N, n) rad or m, and the predicted error of each target, m.
+
+    Raises:
+        InputError: where the fit is of another robot or rejected, an actuator is overloaded, nothing in the model is
+            compliant under the wrenches, a target cannot be corrected within the limits, or the arm does not carry the
+            wrench there.
     """
     doubted = check_fit(fit, experiment.robot, experiment, anyway=anyway)
     if reference not in REFERENCES:
@@ -392,7 +402,7 @@ def _check_corrected(experiment: Experiment, targets: Targets, pendant: Array, d
     far = (size(left) > np.maximum(_SHARE * size(deflection), 1e-9)) | (moved.max(axis=1) > _LARGEST_CORRECTION)
     for i in range(len(targets)):
         if far[i]:
-            message = "no small correction brings the tool to the wanted pose: the arm is at or near a singular pose"
+            message = "no small correction brings the tool to its target: the arm is at or near a singular pose"
             problems.append(targets.problem(i, message, hint="Move the target away from it, or turn the tool."))
             continue
         for k in np.flatnonzero(outside[i]).tolist():

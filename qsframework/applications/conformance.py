@@ -10,7 +10,7 @@ from typing import Any, get_args
 
 import numpy as np
 
-from qsframework.design import Wish, design
+from qsframework.design import DesignOptions, design
 from qsframework.diagnose import diagnose
 from qsframework.diagnose.result import Verdict
 from qsframework.errors import QsfError
@@ -173,8 +173,8 @@ def _derivatives(run: _Run) -> tuple[bool, str]:
 
 
 def _design(run: _Run) -> tuple[bool, str]:
-    wish = Wish(criterion="D", efficiency=0.5, polish=False)
-    run.plan = design(run.experiment, POSES, candidates=200, seed=run.seed, wish=wish)
+    options = DesignOptions(criterion="D", efficiency=0.5, polish=False)
+    run.plan = design(run.experiment, POSES, candidates=200, seed=run.seed, options=options)
     outside = run.robot.controller.outside(run.plan.pendant)
     return not outside.any(), f"{POSES} poses inside the limits"
 

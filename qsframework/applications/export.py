@@ -30,9 +30,18 @@ _NAME = re.compile(r"[A-Za-z0-9_.+-]{1,16}")
 
 
 def export(programme: Programme, to: str, path: str | Path) -> tuple[Path, ...]:
-    """Write the programme in one of the FORMATS and return the files.
+    """Write a programme in a controller's format.
 
-    InputError for another maker's robot, or names that the format cannot hold.
+    Args:
+        programme: from `make_programme`.
+        to: one of FORMATS.
+        path: the file; krl makes a .src and a .dat of it.
+
+    Returns:
+        The files written.
+
+    Raises:
+        InputError: for another maker's robot, or names that the format cannot hold.
     """
     return tuple(write_text(file, text) for file, text in written(programme, to, Path(path)).items())
 

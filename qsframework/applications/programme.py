@@ -97,10 +97,25 @@ def make_programme(
     tell: Tell | None = None,
     file: str = "",
 ) -> Programme:
-    """Order a plan and check the way. home (n,) rad: pendant angles where the way begins and ends.
+    """Order a plan and check the path between its poses.
 
-    InputError where a pose is outside the limits or collides, a load is above the payload or an actuator's torque, or
-    no free way was found between two poses; each names the poses.
+    Args:
+        experiment: the campaign.
+        plan: its plan.
+        order: "shortest", "random" or "plan".
+        seed: random seed of a random order.
+        speed: percent of the maximum joint speed.
+        pause: wait at each pose, s; None: for the start button.
+        home: (n,) pendant angles, rad, where the path starts and ends.
+        tell: called with each step, its number and how many there are.
+        file: the plan's name, for the programme's comments.
+
+    Returns:
+        The moves, in order.
+
+    Raises:
+        InputError: where a pose is outside the limits or collides, a load is above the payload or an actuator's torque,
+            or no free path was found between two poses; each names the poses.
     """
     _check_numbers(speed, pause)
     pause = None if pause is None else round(pause, 2)  # controllers are told hundredths
@@ -165,7 +180,7 @@ def check_plan(experiment: Experiment, plan: Plan, file: str = "") -> None:
                 where,
                 found=f"{force[i]:.0f} N",
                 allowed=f"{robot.payload:g} kg, {most:.0f} N",
-                hint="The real robot is never told to hold it: plan with a smaller load.",
+                hint="The real robot never holds it: plan with a smaller load.",
             )
         )
     if robot.torque_limits is not None:

@@ -30,7 +30,7 @@ _HANDLE = 60.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class ProtocolWish:
+class ProtocolOptions:
     """settle: s after every move and change of load; warm_up: minutes; drive: what holds the arm while it is read.
 
     half: poses with a repeat are measured under half the load too, which shows whether the arm is linear
@@ -86,7 +86,7 @@ class Protocol:
     title: str
     units: JointUnits
     visits: tuple[Visit, ...]
-    wish: ProtocolWish
+    options: ProtocolOptions
     markers: tuple[str, ...]
     notes: tuple[str, ...] = ()
 
@@ -114,15 +114,30 @@ class Protocol:
     def hours(self) -> float:
         """About how long it takes, with the warm-up."""
         states = sum(len(v.states) for v in self.visits if v.load)
-        seconds = states * (self.wish.settle + _READ + _HANDLE) + len(self.visits) * (self.wish.settle + _READ)
+        seconds = states * (self.options.settle + _READ + _HANDLE) + len(self.visits) * (self.options.settle + _READ)
         seconds += _READ * sum(len(v.states) for v in self.visits if not v.load)
-        return (seconds + 60.0 * self.wish.warm_up) / 3600.0
+        return (seconds + 60.0 * self.options.warm_up) / 3600.0
 
 
-def make_protocol(experiment: Experiment, plan: Plan, wish: ProtocolWish | None = None, file: str = "") -> Protocol:
-    """The order and the states of a campaign. InputError for a plan that the robot must not carry out."""
-    wish = wish or ProtocolWish()
-    _check(wish)
+def make_protocol(
+    experiment: Experiment, plan: Plan, options: ProtocolOptions | None = None, file: str = ""
+) -> Protocol:
+    """The order and the states of a measuring campaign.
+
+    Args:
+        experiment: the campaign.
+        plan: its plan.
+        options: order, cycles, repeats and the like.
+        file: the plan's name, for the sheet.
+
+    Returns:
+        The visits with their states.
+
+    Raises:
+        InputError: for a plan that the robot must not carry out.
+    """
+    options = options or ProtocolOptions()
+    _check(options)
     check_plan(experiment, plan, file)
     if plan.of_positions.any() and not experiment.plans_positions:
         bare = [p for p, w in zip(plan.pose, plan.of_positions, strict=True) if w]
@@ -131,15 +146,15 @@ def make_protocol(experiment: Experiment, plan: Plan, wish: ProtocolWish | None 
         raise InputError(Problem(message, file or None, hint=hint))
     names = tuple(m.name for m in experiment.markers)
     visible = seen_markers(experiment, plan.q, plan.stations)
-    plan = with_repeats(plan, wish.repeat_share, wish.seed)
-    sequence = visits(plan, wish.order, wish.seed)
+    plan = with_repeats(plan, options.repeat_share, options.seed)
+    sequence = visits(plan, options.order, options.seed)
     seen: dict[int, int] = {}
     out: list[Visit] = []
     for place, i in enumerate(sequence, start=1):
         seen[i] = seen.get(i, 0) + 1
         load = load_name(plan, i)
-        half = wish.half and plan.repeats[i] > 1
-        states = _states(load, plan.wrench[i], wish.cycles, half)
+        half = options.half and plan.repeats[i] > 1
+        states = _states(load, plan.wrench[i], options.cycles, half)
         if plan.of_positions[i]:
             states = (ProtocolState(1, "", np.zeros(6)),)
         out.append(
@@ -161,22 +176,22 @@ def make_protocol(experiment: Experiment, plan: Plan, wish: ProtocolWish | None 
         title=robot.title,
         units=joints,
         visits=tuple(out),
-        wish=wish,
+        options=options,
         markers=names,
         notes=payload_notes(experiment),
     )
 
 
-def _check(wish: ProtocolWish) -> None:
+def _check(options: ProtocolOptions) -> None:
     problems: list[Problem] = []
-    if wish.drive not in DRIVES:
-        problems.append(Problem(f"unknown drive state {wish.drive!r}", allowed=", ".join(DRIVES)))
+    if options.drive not in DRIVES:
+        problems.append(Problem(f"unknown drive state {options.drive!r}", allowed=", ".join(DRIVES)))
     for what, value, low, high in (
-        ("cycles", wish.cycles, 1, 10),
-        ("share of repeats", wish.repeat_share, 0, 1),
-        ("reflectors", wish.reflectors, 0, 20),
-        ("settling time, s", wish.settle, 0, 3600),
-        ("warm-up, min", wish.warm_up, 0, 600),
+        ("cycles", options.cycles, 1, 10),
+        ("share of repeats", options.repeat_share, 0, 1),
+        ("reflectors", options.reflectors, 0, 20),
+        ("settling time, s", options.settle, 0, 3600),
+        ("warm-up, min", options.warm_up, 0, 600),
     ):
         if not low <= value <= high:
             problems.append(Problem(what, found=f"{value:g}", allowed=f"{low} to {high}"))
@@ -222,7 +237,7 @@ def write_reading_file(path: Path, protocol: Protocol) -> None:
                         "1",
                         "",
                         "",
-                        protocol.wish.drive,
+                        protocol.options.drive,
                     ]
                 )
     write_table(path, header, rows, [f"robot: {protocol.robot}"])
@@ -238,7 +253,7 @@ def write_floor_file(path: Path, protocol: Protocol) -> None:
     rows = [
         [str(v.number), v.pose, str(v.repeat), f"floor_{k + 1}", "", "", "", ""]
         for v in protocol.visits
-        for k in range(protocol.wish.reflectors)
+        for k in range(protocol.options.reflectors)
     ]
     write_table(
         path,

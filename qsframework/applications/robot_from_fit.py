@@ -59,5 +59,5 @@ def with_fit(robot: Robot, fit: FitRecord, *, anyway: bool = False) -> tuple[Rob
     )
     others = [n for n in fit.names if n not in own]
     if others:
-        notes = (*notes, f"estimates that are no effects of its robot.yaml are left out: {', '.join(others)}")
+        notes = (*notes, f"estimates that are no effects of its robot.yaml are omitted: {', '.join(others)}")
     return replace(robot, parameters=parameters), notes

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from qsframework.elastostatics import Model, cartesian_compliance, equilibrium, make_model, range_notes
 from qsframework.elastostatics.displacements import evaluate
 from qsframework.elastostatics.state import site_in
 from qsframework.errors import InputError, Problem
 from qsframework.plugin import Array, Poses
-from qsframework.robot import Robot
+from qsframework.robot import Robot, as_robot
+from qsframework.viewed import Viewed
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Stiffness:
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Stiffness(Viewed):
     """One pose under one load.
 
     linear, full (3,) m: translation of the load point, loaded minus unloaded; rotation (3,) rad: of
@@ -62,8 +65,26 @@ class Stiffness:
         }
 
 
-def stiffness_at(robot: Robot, pendant: Array, wrench: Array, point: Array) -> Stiffness:
-    """The stiffness of a robot at pendant angles (n,) rad, under a wrench (6,) at a point (3,) m of the flange."""
+def stiffness_at(
+    robot: Robot | str | Path, pendant: ArrayLike, wrench: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0)
+) -> Stiffness:
+    """The stiffness of a robot at one pose under one load.
+
+    Args:
+        robot: a Robot, or its name or path.
+        pendant: (n,) what the pendant shows, rad, or m where a joint slides.
+        wrench: (6,) force, N, and moment, N m, base frame; (3,) a force alone.
+        point: (3,) where the load acts, m, flange frame.
+
+    Returns:
+        The deflection, the share of each spring and the Cartesian stiffness.
+
+    Raises:
+        InputError: where the robot is not found, an argument has another shape, or nothing of the arm is compliant.
+    """
+    robot = as_robot(robot)
+    pendant, point = as_vector("pendant", pendant, robot.controller.axes), as_vector("point", point, 3)
+    wrench = as_vector("wrench", wrench, 6, 3)
     site = site_in(robot.flange, point)
     model = make_model(robot.facts, robot.effects, robot.parameters, site, [("tip", site)], robot.gravity)
     poses = _one_pose(robot, pendant, wrench)
@@ -82,6 +103,17 @@ def stiffness_at(robot: Robot, pendant: Array, wrench: Array, point: Array) -> S
         compliance_without_load=cartesian_compliance(model, poses, hessian=False)[0],
         notes=range_notes(model, poses, ["this pose"]),
     )
+
+
+def as_vector(name: str, values: ArrayLike, size: int, shorter: int = 0) -> Array:
+    """An argument as a vector (size,); one of the shorter size is filled up with zeros. InputError for others."""
+    try:
+        vector = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        vector = np.full(0, np.nan)
+    if vector.shape not in ((size,), (shorter or size,)) or not np.isfinite(vector).all():
+        raise InputError(Problem(f"{name} must be {size} numbers", found=repr(values)[:80]))
+    return np.concatenate([vector, np.zeros(size - len(vector))])
 
 
 def _one_pose(robot: Robot, pendant: Array, wrench: Array) -> Poses:

@@ -25,6 +25,7 @@ from qsframework.experiment.readings_table import no_load
 from qsframework.files.documents import nearest_file
 from qsframework.plugin import Array
 from qsframework.plugin.facts import frozen
+from qsframework.viewed import Viewed
 
 _XYZ, _TURNS = ("x", "y", "z"), ("rx", "ry", "rz")
 _QUATERNION = ("quat_w", "quat_x", "quat_y", "quat_z")
@@ -35,8 +36,8 @@ _SEED = 0
 """Random starts of the search are the same at every run."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Targets:
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Targets(Viewed):
     """N targets: names, pendant angles (N, n) rad that the controller would go to, wanted poses, wrenches (N, 6).
 
     path and rows (N,): where each stands in its file; `cartesian`: whether the file gave poses of the load point
@@ -61,7 +62,19 @@ class Targets:
 
 
 def joint_targets(experiment: Experiment, pendant: Array, wrench: Array) -> Targets:
-    """Targets at pendant angles (N, n) rad under wrenches (N, 6), named t01, t02, ..."""
+    """Targets at pendant angles under wrenches, named t01, t02, ...
+
+    Args:
+        experiment: the campaign.
+        pendant: (N, n) what the pendant shows, rad, or m where a joint slides.
+        wrench: (N, 6) force, N, and moment, N m, base frame.
+
+    Returns:
+        N targets.
+
+    Raises:
+        InputError: where a target is outside the limits.
+    """
     robot = experiment.robot
     wanted = rigid_tip(robot, experiment.load_site, robot.controller.to_joints(pendant))
     count = len(pendant)
@@ -80,7 +93,16 @@ def joint_targets(experiment: Experiment, pendant: Array, wrench: Array) -> Targ
 def read_targets(path: str | Path, experiment: Experiment, tell: Tell | None = None) -> Targets:
     """Read and check a file of targets, and find joint angles of Cartesian ones.
 
-    InputError with all its problems, each with row and column.
+    Args:
+        path: the file.
+        experiment: the campaign.
+        tell: called with each step, its number and how many there are.
+
+    Returns:
+        N targets: joint values, rad or m, poses, m, and wrenches, N and N m.
+
+    Raises:
+        InputError: with all its problems, each with row and column.
     """
     path, robot = Path(path), experiment.robot
     if not path.exists():

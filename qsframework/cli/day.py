@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from qsframework.applications.day.day import DECISIONS, Day, begin, decide, reread
 from qsframework.applications.day.entry import Unconfirmed, enter_file
 from qsframework.applications.day.record import Slot
-from qsframework.applications.protocol import ProtocolWish
+from qsframework.applications.protocol import ProtocolOptions
 from qsframework.cli.export import plan_of
 from qsframework.cli.printing import print_folded
 from qsframework.errors import InputError, QsfError, missing_extra
@@ -54,12 +54,12 @@ class DayFiles:
     watch: Path | None = None
 
 
-def run_day(files: DayFiles, wish: ProtocolWish, port: int, once: bool = False) -> None:
+def run_day(files: DayFiles, options: ProtocolOptions, port: int, once: bool = False) -> None:
     """Serve the page until Ctrl-C, or take what comes into a folder; once: what lies there now, and end."""
     from qsframework.report.words.day import mistake_words, slot_words, spoilt_words
 
     experiment = load_experiment(files.experiment)
-    day = begin(experiment, plan_of(files.plan, experiment), files.folder, wish)
+    day = begin(experiment, plan_of(files.plan, experiment), files.folder, options)
     done = len(day.record.rows)
     begun = f"continued, {done} readings are there" if done else "begun"
     print(f"the day is {begun}: {day.record.table}")
@@ -92,7 +92,7 @@ def _serve(day: Day, files: DayFiles, port: int) -> None:
         listening.bind((HOST, port))
     page = DayPage(day, lambda now: finish(now, files))
     print(
-        f"http://{HOST}:{listening.getsockname()[1]}/  (Ctrl-C ends it; the day goes on with the same command)",
+        f"http://{HOST}:{listening.getsockname()[1]}/  (Ctrl-C ends it; the same command resumes the session)",
         flush=True,
     )
     server = uvicorn.Server(uvicorn.Config(page.app(), log_level="error", lifespan="off"))
@@ -105,7 +105,7 @@ def _watch(day: Day, files: DayFiles, folder: Path, once: bool) -> None:
 
     if not folder.is_dir():
         raise InputError(f"--watch: no folder {folder}")
-    print(f"watching {folder}: Ctrl-C ends it; the day goes on with the same command", flush=True)
+    print(f"watching {folder}: Ctrl-C ends it; the same command resumes the session", flush=True)
     looked, typed, asked, plain = _Looked(once), _Typed(), "", list[Path]()
     while not typed.end and (day.next is not None or (day.record.doubtful and typed.open)):
         for path in looked.whole(folder):
@@ -277,7 +277,7 @@ def finish(day: Day, files: DayFiles) -> list[str]:
     day = reread(day)
     readings = accepted(day)
     if day.record.doubtful:
-        out.append(f"{len(day.record.doubtful)} states wait for a decision and are left out")
+        out.append(f"{len(day.record.doubtful)} states wait for a decision and are not used")
     try:
         fit = identify(experiment, readings)
         write_json(folder / "fit.json", fit.as_json())
@@ -334,7 +334,7 @@ def certificate_of(experiment: Experiment, readings: Readings, found: Diagnosis 
     from qsframework.report.words.certificate import conformity_words
 
     out, made = list[str](), folder
-    if found is not None and (found.account.causes or (found.taught is not None and found.taught.holds)):
+    if found is not None and (found.account.causes or (found.learned is not None and found.learned.holds)):
         made, found, diagnosis = folder / "extended", None, found
         write_extended(diagnosis, made)
         experiment = load_experiment(made / "experiment.yaml")

@@ -183,16 +183,16 @@ def designed_plan(output: Path, seed: int, tell: Tell) -> tuple[list[Section], d
 def _against_table5(experiment: Experiment, plan: Plan) -> ReportTable:
     """Promised sds beside those of the paper's Table 5 under the weight alone."""
     from qsframework.design import broken_constraints
-    from qsframework.information import promised_sd
+    from qsframework.information import predicted_sd
 
     paper = read_plan(example("m900ib") / "table5.csv", experiment)
     weight = replace(plan, wrench=np.tile(paper.wrench[:1], (len(plan.pose), 1)))
     table = sd_table(
         experiment.fit_parameters(),
         {
-            "this plan": promised_sd(experiment, plan),
-            "these poses, weight only": promised_sd(experiment, weight),
-            "the paper's Table 5": promised_sd(experiment, paper),
+            "this plan": predicted_sd(experiment, plan),
+            "these poses, weight only": predicted_sd(experiment, weight),
+            "the paper's Table 5": predicted_sd(experiment, paper),
         },
     )
     broken = broken_constraints(experiment, paper)

@@ -11,7 +11,7 @@ from qsframework.cli.commands import beside, distinct_outputs, write_json
 from qsframework.cli.printing import print_folded, print_table, print_verdict
 from qsframework.cli.progress import progress
 from qsframework.design import (
-    Wish,
+    DesignOptions,
     design,
     equivalent_poses,
     generate_candidates,
@@ -25,7 +25,7 @@ from qsframework.design.need import Needed
 from qsframework.elastostatics import range_notes
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Plan, Readings, load_experiment, read_plan, read_readings, write_plan
-from qsframework.information import promised_sd
+from qsframework.information import predicted_sd
 from qsframework.plugin import Array
 from qsframework.report import certificate_text, sd_table, write_report
 from qsframework.report.blocks import ReportTable
@@ -63,7 +63,7 @@ _POSES, _MOST = 12, 200
 def run_design(
     files: DesignFiles,
     poses: int | None,
-    wish: Wish,
+    options: DesignOptions,
     seed: int,
     work: Work,
     verbose: bool = False,
@@ -80,7 +80,7 @@ def run_design(
     needed: Needed | None = None
     with progress() as tell:
         if files.task is not None and accuracy is not None:
-            found, needed = _needed(files, files.task, accuracy, experiment, poses or _MOST, wish, seed, tell, work)
+            found, needed = _needed(files, files.task, accuracy, experiment, poses or _MOST, options, seed, tell, work)
             plan = needed.plan
         else:
             found = find_candidates(files.candidates, experiment, seed, tell, work)
@@ -90,13 +90,13 @@ def run_design(
                 candidates=found,
                 seed=seed,
                 progress=tell,
-                wish=wish,
+                options=options,
                 test_poses=test,
                 taken=taken,
                 work=work,
             )
     write_plan(files.output, plan, experiment)
-    sds = {"this plan": promised_sd(experiment, plan)}
+    sds = {"this plan": predicted_sd(experiment, plan)}
     if taken:
         sds["with what was taken"] = joint_sd(experiment, [plan, *taken])
     table = _sd_table(experiment, plan, sds)
@@ -137,7 +137,7 @@ def _needed(
     accuracy: float,
     experiment: Experiment,
     most: int,
-    wish: Wish,
+    options: DesignOptions,
     seed: int,
     tell: Tell,
     work: Work,
@@ -147,7 +147,7 @@ def _needed(
     from qsframework.applications.reach import standing, tool_of
     from qsframework.applications.task import load_task_path
 
-    if files.test_poses is not None or files.taken or wish.budget is not None:
+    if files.test_poses is not None or files.taken or options.budget is not None:
         raise InputError(
             "--for goes without --test-poses, --taken and --budget: the task says where, and the least is asked"
         )
@@ -156,13 +156,13 @@ def _needed(
     points = standing(robot, experiment.model(), tool, asked, str(task), seed)
     found = find_candidates(files.candidates, experiment, seed, tell, work)
     needed = plan_for(
-        experiment, points, tool.site, accuracy, found, most=most, seed=seed, wish=wish, progress=tell, work=work
+        experiment, points, tool.site, accuracy, found, most=most, seed=seed, options=options, progress=tell, work=work
     )
     return found, needed
 
 
 def _sd_table(experiment: Experiment, plan: Plan, sds: Mapping[str, Array]) -> ReportTable:
-    """The promised sds, of positions without the parameters that no plan tells."""
+    """The predicted sds, of positions without the parameters that no plan tells."""
     parameters, told = experiment.fit_parameters(), plan.certificate.parameters if plan.certificate else ()
     kept = [i for i, p in enumerate(parameters) if p.name in told or not plan.of_positions.any()]
     return sd_table([parameters[i] for i in kept], {name: sd[kept] for name, sd in sds.items()})
@@ -190,4 +190,6 @@ def read_taken(path: Path, experiment: Experiment) -> Plan | Readings:
 
 def twin_words(experiment: Experiment, plan: Plan) -> list[str]:
     """Poses of the plan that tell the same."""
-    return [f"{t.first} and {t.second} tell the same: {t.symmetry}" for t in equivalent_poses(experiment, plan)]
+    return [
+        f"{t.first} and {t.second} carry the same information: {t.symmetry}" for t in equivalent_poses(experiment, plan)
+    ]

@@ -113,7 +113,7 @@ def _alone(files: DiagnoseFiles, asked: Asked, option: str) -> None:
 def _write(
     found: Diagnosis, pairs: Sequence[Discrimination], day: FollowUp | None, files: DiagnoseFiles, inputs: list[Path]
 ) -> None:
-    """The files that were asked for; pairs: what would separate rivals; day: the visits that settle what is open."""
+    """The files to write; pairs: what would separate alternatives; day: the visits that settle what is open."""
     if files.json is not None:
         from qsframework.report.result_json import diagnosis_json, discrimination_json, follow_up_json
 
@@ -184,9 +184,9 @@ def print_diagnosis(found: Diagnosis, pairs: Sequence[Discrimination], verbose: 
         for lead, said in lines.rows:
             print_line(lead, said)
     judged = {pair.first for pair in pairs}
-    for f in (f for f in found.findings if f.rivals and f.name not in judged):
-        nearest = min(f.rivals, key=lambda r: r.angle).name
-        print_line("", f"`--separate {f.name} {nearest}` designs poses that tell them apart, or says what would")
+    for f in (f for f in found.findings if f.alternatives and f.name not in judged):
+        nearest = min(f.alternatives, key=lambda r: r.angle).name
+        print_line("", f"`--separate {f.name} {nearest}` designs poses that separate them, or says what would")
     for title, table in (("Named", tables.cause_table(found)), ("Doubtful", tables.doubtful_table(found))):
         if table.rows:
             print_table(table.header, table.rows, title if found.findings else "")
@@ -197,4 +197,4 @@ def print_diagnosis(found: Diagnosis, pairs: Sequence[Discrimination], verbose: 
         print_folded(said)
     if len(found.outliers):
         problems = tables.outlier_table(found)
-        print_table(problems.header, problems.rows, "Rows left out")
+        print_table(problems.header, problems.rows, "Rows not used")

@@ -27,8 +27,8 @@ def run_foresight(
     """Print, before anything is measured, what a plan would detect and name, and what stays invisible."""
     from qsframework.elastostatics import range_notes
     from qsframework.forecast.power import forecast
-    from qsframework.information import promises
-    from qsframework.report.plan_section import promise_table
+    from qsframework.information import predicted_uncertainties
+    from qsframework.report.plan_section import predicted_table
     from qsframework.report.power_section import pair_table, power_section, size_table
     from qsframework.report.result_json import foresight_json
     from qsframework.report.words.forecast import foresight_verdict, foresight_words
@@ -36,8 +36,8 @@ def run_foresight(
     campaign = load_experiment(experiment)
     distinct_outputs([json, report], [experiment, plan, beside(plan, ".json")])
     planned = read_plan(plan, campaign)
-    told = promises(campaign, planned)
-    known = promise_table(told)
+    told = predicted_uncertainties(campaign, planned)
+    known = predicted_table(told)
     with progress() as tell:
         try:
             found = forecast(campaign, planned, seed=seed, progress=tell, work=work)
@@ -63,7 +63,7 @@ def run_foresight(
         from qsframework.report.provenance import EQUILIBRIUM, INFORMATION, LINEAR, computed
 
         sections = (
-            Section("What this plan tells of the fitted parameters", (known,)),
+            Section("Predicted uncertainty of the fitted parameters", (known,)),
             power_section(found),
             Section("The plan", (plan_view(campaign, planned),)),
             computed(campaign, [experiment, plan], seed, (EQUILIBRIUM, INFORMATION, LINEAR)),

@@ -21,7 +21,7 @@ from qsframework.plugin import Array
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExportWish:
+class ExportOptions:
     """How the plan is to be driven; pause None: wait for the start button; tool, frame: the controller's."""
 
     to: str
@@ -35,26 +35,26 @@ class ExportWish:
     frame: str = ""
 
 
-def run_export(plan_file: Path, file: Path, output: Path, wish: ExportWish, json: Path | None) -> None:
+def run_export(plan_file: Path, file: Path, output: Path, options: ExportOptions, json: Path | None) -> None:
     """Order and check the plan, write it for the controller."""
-    if wish.to not in FORMATS:
-        allowed, hint = ", ".join(FORMATS), nearest(wish.to, FORMATS)
-        raise InputError(Problem(f"unknown format {wish.to!r}", allowed=allowed, hint=hint))
-    endings = ENDINGS[wish.to]
+    if options.to not in FORMATS:
+        allowed, hint = ", ".join(FORMATS), nearest(options.to, FORMATS)
+        raise InputError(Problem(f"unknown format {options.to!r}", allowed=allowed, hint=hint))
+    endings = ENDINGS[options.to]
     outputs = [beside(output, s) for s in endings] if len(endings) > 1 else [output]
     distinct_outputs([*outputs, json], [file, plan_file, beside(plan_file, ".json")])
     experiment = load_experiment(file)
-    plan = with_repeats(plan_of(plan_file, experiment), wish.repeat_share, wish.seed)
-    home = None if wish.home is None else home_pose(experiment, wish.home)
-    named = {"tool": wish.tool, "frame": wish.frame}
+    plan = with_repeats(plan_of(plan_file, experiment), options.repeat_share, options.seed)
+    home = None if options.home is None else home_pose(experiment, options.home)
+    named = {"tool": options.tool, "frame": options.frame}
     written(
-        replace(draft(experiment, plan, wish.speed, wish.pause), **named), wish.to, output
+        replace(draft(experiment, plan, options.speed, options.pause), **named), options.to, output
     )  # refused before the work
     with progress() as tell:
         programme = make_programme(
-            experiment, plan, wish.order, wish.seed, wish.speed, wish.pause, home, tell, str(plan_file)
+            experiment, plan, options.order, options.seed, options.speed, options.pause, home, tell, str(plan_file)
         )
-    files = export(replace(programme, **named), wish.to, output)
+    files = export(replace(programme, **named), options.to, output)
     print_folded(words(programme))
     for note in programme.notes:
         print_folded(f"note: {note}")
@@ -62,7 +62,7 @@ def run_export(plan_file: Path, file: Path, output: Path, wish: ExportWish, json
     days = " or ".join(f"qsf {day} {file} {plan_file}" for day in ("protocol", "day"))
     print(f"next: the measuring day, on paper or on a screen: {days}")
     if json is not None:
-        write_json(json, as_json(programme, wish, files))
+        write_json(json, as_json(programme, options, files))
 
 
 def plan_of(file: Path, experiment: Experiment) -> Plan:
@@ -103,13 +103,13 @@ def words(programme: Programme) -> str:
     return text + f"; the plan's own order asks {before:.0f} deg before any detour."
 
 
-def as_json(programme: Programme, wish: ExportWish, files: tuple[Path, ...]) -> dict[str, object]:
+def as_json(programme: Programme, options: ExportOptions, files: tuple[Path, ...]) -> dict[str, object]:
     """The sequence as the file holds it."""
     return {
         "robot": programme.robot,
         "files": [str(f) for f in files],
-        "order": wish.order,
-        "seed": wish.seed,
+        "order": options.order,
+        "seed": options.seed,
         "speed_percent": programme.speed,
         "pause_s": programme.pause,
         "way_deg": float(np.rad2deg(programme.length)),

@@ -52,10 +52,12 @@ def _shared(option: Any) -> bool:
 
 
 def _groups(options: Iterable[Any], ctx: Any, room: int) -> Iterator[str]:
-    """Options under the titles of their groups, in the order of their first ones."""
+    """Options under the titles of their groups: a title holds for the options that follow."""
     groups: dict[str, list[Row]] = {}
+    title = "Options"
     for option in options:
-        groups.setdefault(option.rich_help_panel or "Options", []).append(_option(option, ctx))
+        title = option.rich_help_panel or title
+        groups.setdefault(title, []).append(_option(option, ctx))
     for title, rows in groups.items():
         yield from ("", f"{title}:")
         yield from _rows(rows, room)

@@ -111,7 +111,7 @@ def _other(path: Path | None, experiment: Experiment) -> FitRecord | None:
 
 def _tell(result: Fit, verdict: Verdict, other: FitRecord | None, verbose: bool) -> None:
     """The verdict, what was found of the rows and what to do; then the tables, what was not estimated last."""
-    from qsframework.report.fit_section import error_tables, fit_table, interval_tables, left_aside_table
+    from qsframework.report.fit_section import error_tables, fit_table, interval_tables, not_estimated_table
     from qsframework.report.moved_section import moved_table, moved_words
     from qsframework.report.words.fit import alignment_words, first_words, verdict_words
 
@@ -121,12 +121,12 @@ def _tell(result: Fit, verdict: Verdict, other: FitRecord | None, verbose: bool)
     for said in (*told, *alignment_words(result.alignments), *result.notes):
         print_folded(said)
     for one in result.gross:
-        print_folded(f"{'masked by the fit, ' if one.kind == 'gross' else ''}{one.kind}: {one.words}")
+        print_folded(f"{'masked by the fit, outlier' if one.kind == 'gross' else one.kind}: {one.words}")
     if any(one.kind == "block" for one in result.gross):
         print("nothing was masked; --clean masks them, --keep-all says that they are right")
     print()
     moved = () if other is None else (moved_table(result, other),)
-    aside = (left_aside_table(result),) if result.left_aside else ()
+    aside = (not_estimated_table(result),) if result.not_estimated else ()
     whole = (*moved, *interval_tables(result), *error_tables(result))
     for table in (fit_table(result, brief=not verbose), *whole, *aside):
         most = None if verbose or table in whole else _ASIDE if table in aside else _ROWS

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from qsframework.applications.importers import ImportWish, import_readings
+from qsframework.applications.importers import ImportOptions, import_readings
 from qsframework.applications.importers.importing import UNLOADED
 from qsframework.applications.importers.mapping import read_mapping
 from qsframework.cli.commands import distinct_outputs, write_json
@@ -51,7 +51,7 @@ def words_of(texts: Sequence[str]) -> Mapping[str, str]:
     return pairs("--word", texts, "FOUND=MEANT, such as WITH=loaded or ball1=m1")
 
 
-def run_import(files: ImportFiles, wish: ImportWish) -> None:
+def run_import(files: ImportFiles, options: ImportOptions) -> None:
     """Show what was taken for what, then write the readings."""
     from qsframework.report.words.imports import (
         aligned_words,
@@ -65,20 +65,20 @@ def run_import(files: ImportFiles, wish: ImportWish) -> None:
     from qsframework.screening import find_mistakes
 
     inputs = [files.experiment, *files.files, *(p for p in (files.plan, files.mapping) if p is not None)]
-    inputs += [Path(wish.align)] if wish.align not in ("", UNLOADED) else []
+    inputs += [Path(options.align)] if options.align not in ("", UNLOADED) else []
     distinct_outputs([None if files.look else files.output, files.json], inputs)
     if not files.look:
         keep_measured([files.output], "-o")
     experiment = load_experiment(files.experiment)
     if files.mapping is not None:
         stated = read_mapping(files.mapping)
-        wish = replace(
-            wish,
-            columns={**stated.columns, **wish.columns},
-            names={**stated.names, **wish.names},
-            units=(*stated.units, *wish.units),
+        options = replace(
+            options,
+            columns={**stated.columns, **options.columns},
+            names={**stated.names, **options.names},
+            units=(*stated.units, *options.units),
         )
-    found = import_readings(experiment, files.files, files.plan, wish)
+    found = import_readings(experiment, files.files, files.plan, options)
     for table in (taken_table(found), point_table(found)):
         if table.rows:
             print_table(table.header, table.rows)

@@ -37,15 +37,11 @@ Files = Annotated[
 ]
 Linear = Annotated[
     bool,
-    typer.Option(
-        "--linear", rich_help_panel="Estimation", help="Balance the load at the undeflected pose, as the paper does."
-    ),
+    typer.Option("--linear", help="Balance the load at the undeflected pose, as the paper does."),
 ]
 States = Annotated[
     str | None,
-    typer.Option(
-        rich_help_panel="Readings", help="Read files of states as 'differences' (loaded minus unloaded) or 'positions'."
-    ),
+    typer.Option(help="Read files of states as 'differences' (loaded minus unloaded) or 'positions'."),
 ]
 
 
@@ -181,13 +177,14 @@ def design(
         ),
     ] = None,
     task: Annotated[
-        Path | None,
-        typer.Option("--for", help="task.yaml: the smallest plan for the points of its path.", rich_help_panel="Plan"),
+        Path | None, typer.Option("--for", help="task.yaml: the smallest plan for the points of its path.")
     ] = None,
     accuracy_mm: Annotated[
-        float | None,
-        typer.Option(help="With --for: required accuracy of the tool there, k = 2.", min=0.0, rich_help_panel="Plan"),
+        float | None, typer.Option(help="With --for: required accuracy of the tool there, k = 2.", min=0.0)
     ] = None,
+    budget: Annotated[float | None, typer.Option(help="Total cost instead of -n, by the loads' `cost`.")] = None,
+    repeats: Annotated[bool, typer.Option("--repeats", help="Allow a pose to be measured more than once.")] = False,
+    taken: Annotated[list[Path] | None, typer.Option(help="Readings or a plan already taken (repeat).")] = None,
     criterion: Annotated[
         str,
         typer.Option(
@@ -197,9 +194,18 @@ def design(
         ),
     ] = "I",
     interest: Annotated[
-        list[str] | None,
-        typer.Option(help="A parameter of interest for Ds and L (repeat the option).", rich_help_panel="Criterion"),
+        list[str] | None, typer.Option(help="A parameter of interest for Ds and L (repeat the option).")
     ] = None,
+    test_poses: Annotated[
+        Path | None, typer.Option(help="For I and G: plan file with the poses and loads of the work.")
+    ] = None,
+    prior: Annotated[
+        bool, typer.Option("--prior", help="Use the stated sd of each parameter as prior information.")
+    ] = False,
+    samples: Annotated[
+        int, typer.Option(help="Draws of the parameters that the plan must serve.", min=1, max=1000)
+    ] = 1,
+    worst: Annotated[bool, typer.Option("--worst", help="Minimax over the samples instead of their mean.")] = False,
     candidates: Annotated[
         str,
         typer.Option(
@@ -207,50 +213,13 @@ def design(
             rich_help_panel="Search",
         ),
     ] = "1000",
-    repeats: Annotated[
-        bool, typer.Option("--repeats", help="Allow a pose to be measured more than once.", rich_help_panel="Plan")
-    ] = False,
-    budget: Annotated[
-        float | None, typer.Option(help="Total cost instead of -n, by the loads' `cost`.", rich_help_panel="Plan")
-    ] = None,
-    prior: Annotated[
-        bool,
-        typer.Option(
-            "--prior", help="Use the stated sd of each parameter as prior information.", rich_help_panel="Criterion"
-        ),
-    ] = False,
-    taken: Annotated[
-        list[Path] | None, typer.Option(help="Readings or a plan already taken (repeat).", rich_help_panel="Plan")
-    ] = None,
-    test_poses: Annotated[
-        Path | None,
-        typer.Option(help="For I and G: plan file with the poses and loads of the work.", rich_help_panel="Criterion"),
-    ] = None,
-    samples: Annotated[
-        int,
-        typer.Option(
-            help="Draws of the parameters that the plan must serve.", min=1, max=1000, rich_help_panel="Criterion"
-        ),
-    ] = 1,
-    worst: Annotated[
-        bool,
-        typer.Option("--worst", help="Minimax over the samples instead of their mean.", rich_help_panel="Criterion"),
-    ] = False,
-    efficiency: Annotated[
-        float, typer.Option(help="Efficiency that must be certified.", min=0.0, max=1.0, rich_help_panel="Search")
-    ] = 0.9999,
-    solver: Annotated[
-        str, typer.Option(help="'columns', or 'cvxpy' as the reference.", rich_help_panel="Search")
-    ] = "columns",
-    polish: Annotated[
-        bool, typer.Option(help="Refine the angles continuously, off the candidates.", rich_help_panel="Search")
-    ] = True,
+    efficiency: Annotated[float, typer.Option(help="Efficiency that must be certified.", min=0.0, max=1.0)] = 0.9999,
+    solver: Annotated[str, typer.Option(help="'columns', or 'cvxpy' as the reference.")] = "columns",
+    polish: Annotated[bool, typer.Option(help="Refine the angles continuously, off the candidates.")] = True,
     output: Annotated[Path, typer.Option("-o", "--output", help="The plan.", rich_help_panel="Output")] = Path(
         "plan.csv"
     ),
-    verbose: Annotated[
-        bool, typer.Option("--verbose", help="Print how many poses each constraint excludes.", rich_help_panel="Output")
-    ] = False,
+    verbose: Annotated[bool, typer.Option("--verbose", help="Print how many poses each constraint excludes.")] = False,
     jobs: Jobs = 1,
     dask: DaskAddress = None,
     seed: Seed = 0,
@@ -260,10 +229,10 @@ def design(
 ) -> None:
     """Select optimal measurement poses, with a certificate."""
     from qsframework.cli.design import DesignFiles, run_design
-    from qsframework.design import Wish
+    from qsframework.design import DesignOptions
     from qsframework.work import Work
 
-    wish = Wish(
+    options = DesignOptions(
         criterion=criterion,
         interest=tuple(interest or ()),
         repeats=repeats,
@@ -287,7 +256,7 @@ def design(
             task=task,
         ),
         poses,
-        wish,
+        options,
         seed,
         Work(jobs, dask),
         verbose,
@@ -326,26 +295,18 @@ def identify(
         typer.Option(help="Estimate this parameter (repeat the option).", rich_help_panel="Estimation"),
     ] = None,
     method: Annotated[
-        str,
-        typer.Option(
-            help="one-step, or two-step (a balanced joint angle by angle first).", rich_help_panel="Estimation"
-        ),
+        str, typer.Option(help="one-step, or two-step (a balanced joint angle by angle first).")
     ] = "one-step",
     linear: Linear = False,
-    bounds: Annotated[
-        bool, typer.Option("--bounds", help="Keep the parameters' bounds.", rich_help_panel="Estimation")
-    ] = False,
-    priors: Annotated[
-        bool,
-        typer.Option("--priors", help="Use stated values and sds as prior information.", rich_help_panel="Estimation"),
-    ] = False,
-    loss: Annotated[str, typer.Option(help="linear, huber or soft_l1.", rich_help_panel="Estimation")] = "linear",
-    fixed: Annotated[
-        list[str] | None, typer.Option(help="Hold this parameter at its value (repeat).", rich_help_panel="Estimation")
-    ] = None,
+    bounds: Annotated[bool, typer.Option("--bounds", help="Keep the parameters' bounds.")] = False,
+    priors: Annotated[bool, typer.Option("--priors", help="Use stated values and sds as prior information.")] = False,
+    loss: Annotated[str, typer.Option(help="linear, huber or soft_l1.")] = "linear",
+    fixed: Annotated[list[str] | None, typer.Option(help="Hold this parameter at its value (repeat).")] = None,
     tied: Annotated[
-        list[str] | None,
-        typer.Option(help="NAME,NAME: keep the ratio of their nominal values (repeat).", rich_help_panel="Estimation"),
+        list[str] | None, typer.Option(help="NAME,NAME: keep the ratio of their nominal values (repeat).")
+    ] = None,
+    profile: Annotated[
+        list[str] | None, typer.Option(help="Profile interval, 95 %, of this parameter (repeat).")
     ] = None,
     clean: Annotated[
         bool,
@@ -353,35 +314,20 @@ def identify(
             "--clean", help="Mask outliers and wrong rows before the fit, and list them.", rich_help_panel="Readings"
         ),
     ] = False,
-    keep_all: Annotated[
-        bool, typer.Option("--keep-all", help="Mask no reading: outliers are used too.", rich_help_panel="Readings")
-    ] = False,
+    keep_all: Annotated[bool, typer.Option("--keep-all", help="Mask no reading: outliers are used too.")] = False,
     shared_error: Annotated[
         bool,
-        typer.Option(
-            "--shared-error",
-            help="Estimate the repeatability error, which the markers of a visit share.",
-            rich_help_panel="Readings",
-        ),
+        typer.Option("--shared-error", help="Estimate the repeatability error, which the markers of a visit share."),
     ] = False,
     states: States = None,
-    profile: Annotated[
-        list[str] | None,
-        typer.Option(help="Profile interval, 95 %, of this parameter (repeat).", rich_help_panel="Estimation"),
-    ] = None,
     nominal: Annotated[
         Path | None, typer.Option(help="Write a nominal.yaml with the identified values.", rich_help_panel="Output")
     ] = None,
-    urdf: Annotated[
-        Path | None, typer.Option(help="Write the robot's URDF with corrected joint origins.", rich_help_panel="Output")
-    ] = None,
+    urdf: Annotated[Path | None, typer.Option(help="Write the robot's URDF with corrected joint origins.")] = None,
     compare: Annotated[
-        Path | None,
-        typer.Option(help="fit.json of an earlier campaign: lists the changes since.", rich_help_panel="Output"),
+        Path | None, typer.Option(help="fit.json of an earlier campaign: lists the changes since.")
     ] = None,
-    verbose: Annotated[
-        bool, typer.Option("--verbose", rich_help_panel="Output", help="Print all rows and columns of the tables.")
-    ] = False,
+    verbose: Annotated[bool, typer.Option("--verbose", help="Print all rows and columns of the tables.")] = False,
     json: Json = None,
     report: Report = None,
     anyway: Anyway = False,
@@ -463,6 +409,9 @@ def diagnose(
         ),
     ] = None,
     level: Annotated[float, typer.Option(help="False-alarm probability.", rich_help_panel="Diagnosis")] = 0.02,
+    verbose: Annotated[
+        bool, typer.Option("--verbose", help="List all causes, also excluded and unobservable ones.")
+    ] = False,
     extend: Annotated[
         Path | None,
         typer.Option(help="Folder for the extended robot and an experiment on it.", rich_help_panel="Extended model"),
@@ -470,9 +419,7 @@ def diagnose(
     extend_doubtful: Annotated[
         bool,
         typer.Option(
-            "--extend-doubtful",
-            help="Extend by doubtful causes too, which do not clearly reduce the held-out error.",
-            rich_help_panel="Extended model",
+            "--extend-doubtful", help="Extend by doubtful causes too, which do not clearly reduce the held-out error."
         ),
     ] = False,
     follow_up: Annotated[
@@ -498,12 +445,9 @@ def diagnose(
         ),
     ] = None,
     separate: Annotated[
-        tuple[str, str] | None,
-        typer.Option(help="CAUSE CAUSE: only design poses that separate these two.", rich_help_panel="Further poses"),
+        tuple[str, str] | None, typer.Option(help="CAUSE CAUSE: only design poses that separate these two.")
     ] = None,
-    count: Annotated[
-        int, typer.Option(help="Poses of --separate.", min=1, max=1000, rich_help_panel="Further poses")
-    ] = 12,
+    count: Annotated[int, typer.Option(help="Poses of --separate.", min=1, max=1000)] = 12,
     output: Annotated[
         Path | None,
         typer.Option(
@@ -511,15 +455,8 @@ def diagnose(
             "--output",
             help="The plan of --follow-up (follow-up.csv) or --separate (separate.csv).",
             show_default=False,
-            rich_help_panel="Further poses",
         ),
     ] = None,
-    verbose: Annotated[
-        bool,
-        typer.Option(
-            "--verbose", help="List all causes, also excluded and unobservable ones.", rich_help_panel="Diagnosis"
-        ),
-    ] = False,
     jobs: Jobs = 1,
     dask: DaskAddress = None,
     seed: Seed = 0,

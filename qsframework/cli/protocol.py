@@ -8,7 +8,7 @@ import numpy as np
 
 from qsframework.applications.protocol import (
     Protocol,
-    ProtocolWish,
+    ProtocolOptions,
     floor_file,
     make_protocol,
     write_floor_file,
@@ -26,7 +26,7 @@ def _states(protocol: Protocol) -> str:
     return " --states differences" if all(v.load for v in protocol.visits) else ""
 
 
-def run_protocol(file: Path, plan_file: Path, sheet: Path, readings: Path, wish: ProtocolWish) -> None:
+def run_protocol(file: Path, plan_file: Path, sheet: Path, readings: Path, options: ProtocolOptions) -> None:
     """Write the sheet and the files to fill in."""
     from qsframework.report.protocol_section import Commands, SheetFiles, turning_words, write_sheet
     from qsframework.viz.sketch import sketches
@@ -36,9 +36,10 @@ def run_protocol(file: Path, plan_file: Path, sheet: Path, readings: Path, wish:
     keep_measured([readings, floor], "--readings")
     experiment = load_experiment(file)
     plan = plan_of(plan_file, experiment)
-    protocol = make_protocol(experiment, plan, wish, str(plan_file))
+    protocol = make_protocol(experiment, plan, options, str(plan_file))
     commands = Commands(
-        programme=f"exported with --order {wish.order} --seed {wish.seed} --repeat-share {wish.repeat_share:g} --hold",
+        programme=f"exported with --order {options.order} --seed {options.seed} --repeat-share "
+        f"{options.repeat_share:g} --hold",
         warm_up="exported without --hold it drives on by itself",
         identify=f"qsf identify EXPERIMENT{_states(protocol)}",
     )
@@ -53,7 +54,7 @@ def run_protocol(file: Path, plan_file: Path, sheet: Path, readings: Path, wish:
     for note in protocol.notes:
         print_folded(f"note: {note}")
     print(f"to fill in: {readings}")
-    if wish.reflectors:
+    if options.reflectors:
         write_floor_file(floor, protocol)
         print(f"to fill in: {floor}")
     filled = f"`data: {readings.name}` in {file.name}, then qsf check {file}"

@@ -25,8 +25,7 @@ def compensate(
     ],
     output: Annotated[Path, typer.Option("-o", "--output", help="The corrected targets.")] = Path("corrected.csv"),
     reference: Annotated[
-        str,
-        typer.Option(help="Reference of the target: the rigid ('commanded') or the 'unloaded' arm."),
+        str, typer.Option(help="Reference of the target: the rigid ('commanded') or the 'unloaded' arm.")
     ] = "commanded",
     load: Annotated[
         list[str] | None, typer.Option(help="Of a programme: fx,fy,fz[,mx,my,mz], or NAME=... of one point (repeat).")
@@ -144,53 +143,31 @@ def export(
         str,
         typer.Option(help="fanuc-ls, krl, rapid, urscript or csv.", show_default=False, rich_help_panel="Programme"),
     ],
-    output: Annotated[
-        Path, typer.Option("-o", "--output", help="The file; krl makes .src and .dat.", rich_help_panel="Programme")
-    ],
+    output: Annotated[Path, typer.Option("-o", "--output", help="The file; krl makes .src and .dat.")],
+    tool: Annotated[
+        str, typer.Option(help="Number or name of the controller's tool (default: 1 or tool0).", show_default=False)
+    ] = "",
+    frame: Annotated[
+        str, typer.Option(help="Number or name of its user frame (default: 0 or wobj0).", show_default=False)
+    ] = "",
     order: Annotated[
         str, typer.Option(help="shortest path, random (separates drift), or as in the plan.", rich_help_panel="Motion")
     ] = "shortest",
-    speed: Annotated[
-        int, typer.Option(help="Joint speed, percent of the maximum.", min=1, max=100, rich_help_panel="Motion")
-    ] = 10,
-    pause: Annotated[float, typer.Option(help="Wait at each pose, s.", rich_help_panel="Motion")] = 10.0,
-    hold: Annotated[
-        bool, typer.Option("--hold", help="Wait for the start button instead.", rich_help_panel="Motion")
-    ] = False,
+    speed: Annotated[int, typer.Option(help="Joint speed, percent of the maximum.", min=1, max=100)] = 10,
+    pause: Annotated[float, typer.Option(help="Wait at each pose, s.")] = 10.0,
+    hold: Annotated[bool, typer.Option("--hold", help="Wait for the start button instead.")] = False,
     home: Annotated[
-        str | None,
-        typer.Option(
-            help="Pendant angles where the path starts and ends, deg, or mm: J1,J2,...", rich_help_panel="Motion"
-        ),
+        str | None, typer.Option(help="Pendant angles where the path starts and ends, deg, or mm: J1,J2,...")
     ] = None,
     repeat_share: Annotated[
-        float,
-        typer.Option(
-            help="Fraction of the poses visited twice, as in qsf protocol.", min=0, max=1, rich_help_panel="Motion"
-        ),
+        float, typer.Option(help="Fraction of the poses visited twice, as in qsf protocol.", min=0, max=1)
     ] = 0.0,
-    tool: Annotated[
-        str,
-        typer.Option(
-            help="Number or name of the controller's tool (default: 1 or tool0).",
-            show_default=False,
-            rich_help_panel="Programme",
-        ),
-    ] = "",
-    frame: Annotated[
-        str,
-        typer.Option(
-            help="Number or name of its user frame (default: 0 or wobj0).",
-            show_default=False,
-            rich_help_panel="Programme",
-        ),
-    ] = "",
     seed: Seed = 0,
     json: Json = None,
     trust: Trust = False,
 ) -> None:
     """Write a plan as a robot programme, checked for collisions."""
-    from qsframework.cli.export import ExportWish, run_export
+    from qsframework.cli.export import ExportOptions, run_export
     from qsframework.cli.kinds import sorted_out
     from qsframework.errors import InputError, Problem
 
@@ -198,7 +175,7 @@ def export(
     if [len(found) for found in given.values()] != [1, 1]:
         raise InputError(Problem("an experiment and a plan are needed", found=" ".join(map(str, files))))
     ((experiment,), (plan,)) = given.values()
-    wish = ExportWish(
+    options = ExportOptions(
         to=to,
         order=order,
         speed=speed,
@@ -209,7 +186,7 @@ def export(
         tool=tool,
         frame=frame,
     )
-    run_export(plan, experiment, output, wish, json)
+    run_export(plan, experiment, output, options, json)
 
 
 Order = Annotated[str, typer.Option(help="random (separates drift), shortest, or as in the plan.")]
@@ -239,10 +216,10 @@ def protocol(
     trust: Trust = False,
 ) -> None:
     """Write the measuring protocol: a sheet, and a table to fill in."""
-    from qsframework.applications.protocol import ProtocolWish
+    from qsframework.applications.protocol import ProtocolOptions
     from qsframework.cli.protocol import run_protocol
 
-    wish = ProtocolWish(
+    options = ProtocolOptions(
         order=order,
         seed=seed,
         cycles=cycles,
@@ -253,7 +230,7 @@ def protocol(
         reflectors=reflectors,
         half=half,
     )
-    run_protocol(experiment, plan, output, readings, wish)
+    run_protocol(experiment, plan, output, readings, options)
 
 
 def day(
@@ -277,10 +254,10 @@ def day(
     trust: Trust = False,
 ) -> None:
     """Run the measuring session; reports mistakes at once."""
-    from qsframework.applications.protocol import ProtocolWish
+    from qsframework.applications.protocol import ProtocolOptions
     from qsframework.cli.day import DayFiles, run_day
 
-    wish = ProtocolWish(
+    options = ProtocolOptions(
         order=order,
         seed=seed,
         cycles=cycles,
@@ -289,7 +266,7 @@ def day(
         reflectors=reflectors,
         half=half,
     )
-    run_day(DayFiles(experiment=experiment, plan=plan, folder=output, watch=watch), wish, port, once)
+    run_day(DayFiles(experiment=experiment, plan=plan, folder=output, watch=watch), options, port, once)
 
 
 def import_files(
@@ -306,77 +283,48 @@ def import_files(
             "--plan", "-p", help="plan.csv, or the table to fill in of qsf protocol.", rich_help_panel="Files"
         ),
     ] = None,
-    output: Annotated[Path, typer.Option("-o", "--output", help="The readings.", rich_help_panel="Output")] = Path(
-        "readings.csv"
-    ),
     columns: Annotated[
         list[str] | None,
-        typer.Option(
-            "--map",
-            help="ROLE=COLUMN, such as x=Xcoord, or x=3 where columns have no names (repeat).",
-            rich_help_panel="Files",
-        ),
+        typer.Option("--map", help="ROLE=COLUMN, such as x=Xcoord, or x=3 where columns have no names (repeat)."),
     ] = None,
-    mapping: Annotated[
-        Path | None, typer.Option(help="YAML with columns, units and names.", rich_help_panel="Files")
-    ] = None,
+    mapping: Annotated[Path | None, typer.Option(help="YAML with columns, units and names.")] = None,
     unit: Annotated[
-        list[str] | None,
-        typer.Option(help="Unit of columns that state none: mm, in, deg, ms (repeat).", rich_help_panel="Files"),
+        list[str] | None, typer.Option(help="Unit of columns that state none: mm, in, deg, ms (repeat).")
     ] = None,
     word: Annotated[
-        list[str] | None,
-        typer.Option(help="FOUND=MEANT in names, such as WITH=loaded or ball1=m1 (repeat).", rich_help_panel="Files"),
+        list[str] | None, typer.Option(help="FOUND=MEANT in names, such as WITH=loaded or ball1=m1 (repeat).")
     ] = None,
+    sheet: Annotated[str, typer.Option(help="Which sheet of a workbook.")] = "",
+    separator: Annotated[
+        str, typer.Option(help="Column separator: ',', ';', '|', tab or space (default: detected).")
+    ] = "",
+    decimal: Annotated[str, typer.Option(help="Decimal sign: '.' or ',' (default: detected).")] = "",
     match: Annotated[
         str, typer.Option(help="Match points by names, by order (of the plan) or nearest.", rich_help_panel="Points")
     ] = "names",
-    join: Annotated[
-        str | None, typer.Option(help="Match the joint log by names, by order or by time.", rich_help_panel="Points")
-    ] = None,
-    state: Annotated[
-        str | None, typer.Option(help="State of points that carry none: unloaded or loaded.", rich_help_panel="Points")
-    ] = None,
-    series: Annotated[str, typer.Option(help="Name of the tracker's station.", rich_help_panel="Points")] = "",
+    join: Annotated[str | None, typer.Option(help="Match the joint log by names, by order or by time.")] = None,
+    state: Annotated[str | None, typer.Option(help="State of points that carry none: unloaded or loaded.")] = None,
+    series: Annotated[str, typer.Option(help="Name of the tracker's station.")] = "",
     ignore: Annotated[
-        list[str] | None,
-        typer.Option(help="Ignore these points, such as 'B*', or a column (repeat).", rich_help_panel="Points"),
+        list[str] | None, typer.Option(help="Ignore these points, such as 'B*', or a column (repeat).")
     ] = None,
-    sheet: Annotated[str, typer.Option(help="Which sheet of a workbook.", rich_help_panel="Files")] = "",
-    separator: Annotated[
-        str,
-        typer.Option(
-            help="Column separator: ',', ';', '|', tab or space (default: detected).", rich_help_panel="Files"
-        ),
-    ] = "",
-    decimal: Annotated[
-        str, typer.Option(help="Decimal sign: '.' or ',' (default: detected).", rich_help_panel="Files")
-    ] = "",
-    clock: Annotated[
-        float,
-        typer.Option(help="Seconds by which the log's clock is ahead of the tracker's.", rich_help_panel="Points"),
-    ] = 0.0,
+    clock: Annotated[float, typer.Option(help="Seconds by which the log's clock is ahead of the tracker's.")] = 0.0,
     align: Annotated[
-        str,
-        typer.Option(
-            help="Tracker to base: from the 'unloaded' readings, or a file of known points, base frame.",
-            rich_help_panel="Points",
-        ),
+        str, typer.Option(help="Tracker to base: from the 'unloaded' readings, or a file of known points, base frame.")
     ] = "",
-    within: Annotated[
-        float, typer.Option(help="Largest distance of a point from its predicted place, mm.", rich_help_panel="Points")
-    ] = 50.0,
-    look: Annotated[
-        bool, typer.Option("--look", help="Show the column mapping, and write nothing.", rich_help_panel="Output")
-    ] = False,
+    within: Annotated[float, typer.Option(help="Largest distance of a point from its predicted place, mm.")] = 50.0,
+    output: Annotated[Path, typer.Option("-o", "--output", help="The readings.", rich_help_panel="Output")] = Path(
+        "readings.csv"
+    ),
+    look: Annotated[bool, typer.Option("--look", help="Show the column mapping, and write nothing.")] = False,
     json: Json = None,
     trust: Trust = False,
 ) -> None:
     """Convert a tracker's export into readings."""
-    from qsframework.applications.importers import ImportWish
+    from qsframework.applications.importers import ImportOptions
     from qsframework.cli.importing import ImportFiles, columns_of, run_import, words_of
 
-    wish = ImportWish(
+    options = ImportOptions(
         columns=columns_of(columns or ()),
         units=tuple(unit or ()),
         names=words_of(word or ()),
@@ -401,7 +349,7 @@ def import_files(
         json=json,
         look=look,
     )
-    run_import(paths, wish)
+    run_import(paths, options)
 
 
 def compare(

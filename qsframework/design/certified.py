@@ -27,7 +27,7 @@ _AIM = 1.0 - 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wish:
+class DesignOptions:
     """What is asked of a plan besides the number of its poses.
 
     criterion and the parameters of interest (Ds, L); repeats: a pose may be measured more than once;
@@ -50,7 +50,7 @@ class Wish:
 
 
 def relaxed_design(
-    problem: DesignProblem, rule: Robust, wish: Wish, seed: int, tell: Callable[[float], None]
+    problem: DesignProblem, rule: Robust, options: DesignOptions, seed: int, tell: Callable[[float], None]
 ) -> tuple[Relaxed, tuple[int | None, ...]]:
     """The relaxed design, and how many poses each load gets where that is fixed.
 
@@ -59,17 +59,17 @@ def relaxed_design(
     """
     fixed = problem.counts
     while True:
-        allowed = allowed_designs(problem, fixed, _cap(problem, wish))
-        relaxed = _solve(problem, rule, wish, allowed, seed, tell)
+        allowed = allowed_designs(problem, fixed, _cap(problem, options))
+        relaxed = _solve(problem, rule, options, allowed, seed, tell)
         share = shares(problem, relaxed) * problem.total / problem.prices
         short = [g for g, m in enumerate(problem.least) if fixed[g] is None and m and share[g] < m - 1e-6]
         if not short:
             break
         fixed = tuple(problem.least[g] if g in short else c for g, c in enumerate(fixed))
-    bound = min(relaxed.efficiency, _free_bound(problem, relaxed, fixed, wish))
-    if bound < wish.efficiency:
+    bound = min(relaxed.efficiency, _free_bound(problem, relaxed, fixed, options))
+    if bound < options.efficiency:
         raise NotCertified(
-            f"the relaxed design is certified for an efficiency of {bound:.6f}, asked for {wish.efficiency:g}"
+            f"the relaxed design is certified for an efficiency of {bound:.6f}, asked for {options.efficiency:g}"
         )
     return replace(relaxed, efficiency=bound), fixed
 
@@ -80,26 +80,28 @@ def shares(problem: DesignProblem, relaxed: Relaxed) -> Array:
     return np.asarray(total, dtype=np.float64)
 
 
-def _cap(problem: DesignProblem, wish: Wish) -> float:
+def _cap(problem: DesignProblem, options: DesignOptions) -> float:
     """The largest weight of a candidate: 1 / n where it may be measured once only."""
-    return np.inf if wish.repeats or wish.budget is not None else 1.0 / problem.total
+    return np.inf if options.repeats or options.budget is not None else 1.0 / problem.total
 
 
-def _priced(problem: DesignProblem, wish: Wish) -> CandidateRows:
+def _priced(problem: DesignProblem, options: DesignOptions) -> CandidateRows:
     """Rows per unit of cost where there is a budget, else as they are."""
     if not problem.priced:
         return problem.rows
     return ScaledRows(problem.rows, 1.0 / np.sqrt(problem.prices[problem.load(np.arange(len(problem.rows)))]))
 
 
-def _free_bound(problem: DesignProblem, relaxed: Relaxed, fixed: tuple[int | None, ...], wish: Wish) -> float:
+def _free_bound(
+    problem: DesignProblem, relaxed: Relaxed, fixed: tuple[int | None, ...], options: DesignOptions
+) -> float:
     """The bound over designs that give each load at least its minimum, where a minimum was made a number."""
     if fixed == problem.counts:
         return 1.0
     total = problem.total
     slope, values = relaxed.expansion.slope, relaxed.scores
     best = float((problem.prior / total * slope).sum())
-    cap = min(_cap(problem, wish), 1.0)
+    cap = min(_cap(problem, options), 1.0)
     room, rest = np.full(len(values), cap), 1.0
     for g, count in enumerate(problem.counts):
         mine = problem.members(g)
@@ -125,25 +127,30 @@ def _fill(values: Array, room: Array, need: float) -> float:
 
 
 def _solve(
-    problem: DesignProblem, rule: Robust, wish: Wish, allowed: Allowed, seed: int, tell: Callable[[float], None]
+    problem: DesignProblem,
+    rule: Robust,
+    options: DesignOptions,
+    allowed: Allowed,
+    seed: int,
+    tell: Callable[[float], None],
 ) -> Relaxed:
     trouble = allowed.problems(len(problem.rows))
     if trouble:
         raise InputError(f"too few candidates: {trouble}; allow repeats or take more candidates")
     prior = problem.prior / problem.total
-    if wish.solver == "cvxpy":
+    if options.solver == "cvxpy":
         if problem.priced:
             raise InputError("a budget with costs needs the solver columns")
         return _by_cvxpy(problem, rule, allowed, prior)
-    if wish.solver != "columns":
-        hint = nearest(wish.solver, SOLVERS)
-        raise InputError(errors.Problem(f"unknown solver {wish.solver!r}", allowed=", ".join(SOLVERS), hint=hint))
-    task = make_task(_priced(problem, wish), rule, allowed, prior if prior.any() else None)
+    if options.solver != "columns":
+        hint = nearest(options.solver, SOLVERS)
+        raise InputError(errors.Problem(f"unknown solver {options.solver!r}", allowed=", ".join(SOLVERS), hint=hint))
+    task = make_task(_priced(problem, options), rule, allowed, prior if prior.any() else None)
     rng = np.random.default_rng(seed)
     try:
-        return solve_columns(task, rng, max(_AIM, wish.efficiency), tell)
+        return solve_columns(task, rng, max(_AIM, options.efficiency), tell)
     except NotCertified:
-        return solve_columns(task, rng, wish.efficiency, tell)
+        return solve_columns(task, rng, options.efficiency, tell)
 
 
 def _by_cvxpy(problem: DesignProblem, rule: Robust, allowed: Allowed, prior: Array) -> Relaxed:

@@ -34,7 +34,7 @@ _EACH = 256
 """One candidate in so many is among the best after the first pass, and so many for each parameter."""
 _SINGULAR = 1e15
 """Condition of an information matrix, its parameters brought to one size, that float64 cannot tell from singular."""
-_UNTOLD = "the candidates cannot tell all parameters apart, or hardly"
+_UNIDENTIFIABLE = "the candidates do not identify all parameters, or hardly"
 _ROUNDS = 60
 _ROOM = 2.0
 """How many times its share a group's candidates may hold where weights are capped, at least."""
@@ -91,7 +91,7 @@ def solve_columns(
         try:
             return _solve_columns(task, rng, efficiency, progress)
         except np.linalg.LinAlgError as error:
-            raise NotIdentifiable(_UNTOLD) from error
+            raise NotIdentifiable(_UNIDENTIFIABLE) from error
 
 
 def _solve_columns(
@@ -116,7 +116,7 @@ def _solve_columns(
     if bound < efficiency:
         raise NotCertified(
             f"the design is certified to within {1.0 - bound:.1e} of {task.criterion.name}-efficiency 1, asked for "
-            f"{1.0 - efficiency:.1e}; ask for less, or leave out parameters that the candidates hardly tell"
+            f"{1.0 - efficiency:.1e}; ask for less, or omit parameters that the candidates hardly identify"
         )
     return _result(task, state, bound, board, passes + board.passes)
 
@@ -126,7 +126,7 @@ def _result(task: RelaxedTask, state: Columns, bound: float, board: Scoreboard, 
     M = task.prior + np.tensordot(w, moments_of(state.block), 1)
     size = np.sqrt(np.diagonal(M, axis1=-2, axis2=-1))
     if not np.all(np.linalg.cond(M / np.maximum(size[:, :, None] * size[:, None, :], 1e-300)) < _SINGULAR):
-        raise NotIdentifiable(_UNTOLD)
+        raise NotIdentifiable(_UNIDENTIFIABLE)
     back = np.linalg.inv(task.basis)
     expansion = state.solved.expansion
     own = replace(expansion, slope=task.basis @ expansion.slope @ task.basis.T, pairs=(), ranks=())

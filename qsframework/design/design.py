@@ -11,7 +11,7 @@ import numpy as np
 
 from qsframework.design.candidates import Candidates, generate_candidates
 from qsframework.design.catalogue import check_criterion, find_criterion
-from qsframework.design.certified import Wish, relaxed_design, shares
+from qsframework.design.certified import DesignOptions, relaxed_design, shares
 from qsframework.design.column_generation import Relaxed
 from qsframework.design.criteria import Criterion
 from qsframework.design.exact import Quotas, exchange
@@ -57,49 +57,65 @@ def design(
     repeats: bool = False,
     progress: Progress | None = None,
     *,
-    wish: Wish | None = None,
+    options: DesignOptions | None = None,
     test_poses: Poses | None = None,
     tip: Site | None = None,
     taken: Sequence[Plan | Readings] = (),
     work: Work = HERE,
 ) -> Plan:
-    """A plan of `poses` poses, certified against the best relaxed design over the same candidates.
+    """A plan of poses, certified against the best relaxed design over the same candidates.
 
-    wish: everything else that is asked; it replaces criterion and repeats;
-    candidates: how many to draw, or poses (N, n) rad; test_poses: where the tip is to be known best (I, G); tip: the
-    load point if None; taken: plans or readings whose information is there already; work: where the candidates and the
-    exchange are computed. InputError where the experiment cannot give a plan; NotIdentifiable, before any optimisation,
-    where its readings cannot tell the parameters apart; NotCertified where the certificate misses the asked efficiency.
+    Args:
+        experiment: the campaign.
+        poses: how many poses.
+        criterion: I, G, D, A, E, O3, Ds or L.
+        candidates: how many to draw, or poses (N, n) rad.
+        seed: random seed.
+        repeats: whether a pose may be measured more than once.
+        progress: called with each step, how much is done and of how much.
+        options: everything else; it replaces criterion and repeats.
+        test_poses: for I and G: where the tip is to be known best.
+        tip: the load point if None.
+        taken: plans or readings whose information is there already.
+        work: where the candidates and the exchange are computed.
+
+    Returns:
+        The plan with its certificate.
+
+    Raises:
+        InputError: where the experiment cannot give a plan.
+        NotIdentifiable: before any optimisation, where its readings do not identify the parameters.
+        NotCertified: where the certificate misses the required efficiency.
     """
-    wish = wish or Wish(criterion=criterion, repeats=repeats)
-    check_criterion(wish.criterion)
+    options = options or DesignOptions(criterion=criterion, repeats=repeats)
+    check_criterion(options.criterion)
     tell: Progress = progress or (lambda step, done, total: None)
     if isinstance(candidates, int):
         told = partial(tell, "candidate poses")
         candidates = generate_candidates(experiment, candidates, seed, told, work)
     names = experiment.fit_names()
     samples = np.stack(
-        [start_values(experiment, names, x) for x in draw_samples(experiment.model(), wish.samples, seed)]
+        [start_values(experiment, names, x) for x in draw_samples(experiment.model(), options.samples, seed)]
     )
 
     def prior(of: Sequence[str]) -> Array:
-        return _prior(experiment, wish, taken, of, samples)
+        return _prior(experiment, options, taken, of, samples)
 
-    total = poses if wish.budget is None else wish.budget
+    total = poses if options.budget is None else options.budget
     problem = make_problem(
-        experiment, candidates, total, samples, prior, wish.budget is not None, partial(tell, "sensitivities"), work
+        experiment, candidates, total, samples, prior, options.budget is not None, partial(tell, "sensitivities"), work
     )
     require_rank(problem)
-    rule = Robust(_criterion(problem, wish, test_poses, tip), wish.worst)
-    tries = [_relaxed(own, rule, wish, seed, tell) for own in choices(problem, wish)]
+    rule = Robust(_criterion(problem, options, test_poses, tip), options.worst)
+    tries = [_relaxed(own, rule, options, seed, tell) for own in choices(problem, options)]
     tries.sort(key=lambda one: one.bound)
     best: _Tried | None = None
     for one in tries[:_CHOICES]:
         if best is None or one.bound < best.value:
-            one = _chosen(one, rule, wish, seed, tell, work)
+            one = _chosen(one, rule, options, seed, tell, work)
             best = one if best is None or one.value < best.value else best
     assert best is not None
-    return _plan(best, rule, wish, tries[0].bound, seed, tell)
+    return _plan(best, rule, options, tries[0].bound, seed, tell)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -116,8 +132,8 @@ class _Tried:
     value: float = np.inf
 
 
-def _relaxed(problem: DesignProblem, rule: Robust, wish: Wish, seed: int, tell: Progress) -> _Tried:
-    relaxed, fixed = relaxed_design(problem, rule, wish, seed, lambda b: tell("relaxed design", int(1e6 * b), 10**6))
+def _relaxed(problem: DesignProblem, rule: Robust, options: DesignOptions, seed: int, tell: Progress) -> _Tried:
+    relaxed, fixed = relaxed_design(problem, rule, options, seed, lambda b: tell("relaxed design", int(1e6 * b), 10**6))
     bound = relaxed.efficiency * _relaxed_value(problem, rule, relaxed)
     nothing = np.zeros(0, dtype=np.intp)
     return _Tried(problem=problem, relaxed=relaxed, fixed=fixed, bound=bound, chosen=nothing, counts=nothing)
@@ -131,20 +147,22 @@ def _relaxed_value(problem: DesignProblem, rule: Robust, relaxed: Relaxed) -> fl
     return float(rule.value(best)) / problem.total
 
 
-def _chosen(one: _Tried, rule: Robust, wish: Wish, seed: int, tell: Progress, work: Work) -> _Tried:
+def _chosen(one: _Tried, rule: Robust, options: DesignOptions, seed: int, tell: Progress, work: Work) -> _Tried:
     """With the candidates of its plan."""
-    chosen, counts = _exact(one.problem, rule, wish, one.relaxed, one.fixed, seed, tell, work)
+    chosen, counts = _exact(one.problem, rule, options, one.relaxed, one.fixed, seed, tell, work)
     M = one.problem.prior + _settled_information(one.problem, chosen, counts.astype(float))
     return replace(one, chosen=chosen, counts=counts, value=float(rule.value(M)))
 
 
-def choices(problem: DesignProblem, wish: Wish) -> list[DesignProblem]:
+def choices(problem: DesignProblem, options: DesignOptions) -> list[DesignProblem]:
     """The problem with each choice of loads to bring and stations to set up, less what these cost by themselves; the
     problem as it is where nothing costs by itself. InputError where the budget pays for none."""
-    loads = [g for g, load in enumerate(problem.loads) if load.change and wish.budget is not None]
+    loads = [g for g, load in enumerate(problem.loads) if load.change and options.budget is not None]
     stations = problem.stations
     each = (
-        [()] if not any(problem.reading.stations[s].cost for s in stations) or wish.budget is None else _some(stations)
+        [()]
+        if not any(problem.reading.stations[s].cost for s in stations) or options.budget is None
+        else _some(stations)
     )
     if not loads and each == [()]:
         return [problem]
@@ -183,39 +201,45 @@ def _some(of: Sequence[int]) -> list[tuple[int, ...]]:
 
 
 def _prior(
-    experiment: Experiment, wish: Wish, taken: Sequence[Plan | Readings], names: Sequence[str], samples: Array
+    experiment: Experiment,
+    options: DesignOptions,
+    taken: Sequence[Plan | Readings],
+    names: Sequence[str],
+    samples: Array,
 ) -> Array:
     """Information (S, p, p) that is there before: stated sds, readings and plans taken already."""
     model = experiment.model()
     parameters = [model.parameters[i] for i in model.index(names)]
-    stated = np.array([1.0 if wish.prior and p.sd else 0.0 for p in parameters])
+    stated = np.array([1.0 if options.prior and p.sd else 0.0 for p in parameters])
     total = np.tile(np.diag(stated), (len(samples), 1, 1))
     for one in taken:
         total = total + taken_information(experiment, one, names, samples)
     return total
 
 
-def _criterion(problem: DesignProblem, wish: Wish, test_poses: Poses | None, site: Site | None) -> Criterion:
+def _criterion(
+    problem: DesignProblem, options: DesignOptions, test_poses: Poses | None, site: Site | None
+) -> Criterion:
     experiment = problem.experiment
-    experiment.model().index(wish.interest)  # an InputError names the nearest
-    strange = [name for name in wish.interest if name not in experiment.fit_names()]
+    experiment.model().index(options.interest)  # an InputError names the nearest
+    strange = [name for name in options.interest if name not in experiment.fit_names()]
     if strange:
         raise InputError(f"parameters of interest that are not fitted: {', '.join(strange)}")
     held = {own.name: own for own in problem.held}
-    if lost := [held[name].words() for name in wish.interest if name in held]:
-        raise NotIdentifiable(f"parameters of interest that no plan of these readings tells: {'; '.join(lost)}")
-    interest = [problem.names.index(name) for name in wish.interest]
+    if lost := [held[name].words() for name in options.interest if name in held]:
+        raise NotIdentifiable(f"parameters of interest that no plan of these readings identifies: {'; '.join(lost)}")
+    interest = [problem.names.index(name) for name in options.interest]
     tip, width = None, problem.reading.width
-    if wish.criterion in ("I", "G"):
+    if options.criterion in ("I", "G"):
         tip = tip_rows(experiment, test_poses, problem.pendant, problem.names, site)
         tip = np.pad(tip, ((0, 0), (0, 0), (0, width - len(problem.names))))
-    return find_criterion(wish.criterion, interest, width, tip, problem.wanted.tolist())
+    return find_criterion(options.criterion, interest, width, tip, problem.wanted.tolist())
 
 
 def _exact(
     problem: DesignProblem,
     rule: Robust,
-    wish: Wish,
+    options: DesignOptions,
     relaxed: Relaxed,
     fixed: tuple[int | None, ...],
     seed: int,
@@ -228,16 +252,16 @@ def _exact(
     T = white_basis(rows, problem.prior)
     rows, white, prior = rows @ T, rule.in_basis(T), T.T @ problem.prior @ T
     best, best_value = np.zeros(0, dtype=np.intp), np.inf
-    splits = _splits(problem, wish, relaxed, fixed)
+    splits = _splits(problem, options, relaxed, fixed)
     for turn, counts in enumerate(splits):
-        quotas = _quotas(problem, short, counts, wish.repeats)
+        quotas = _quotas(problem, short, counts, options.repeats)
 
         def said(i: int, n: int, turn: int = turn) -> None:
             tell("exact plan (exchange)", turn * n + i, n * len(splits))
 
         rng = np.random.default_rng(seed)
         try:
-            chosen = exchange(rows, white, quotas, weights, wish.starts, rng, said, prior, work)
+            chosen = exchange(rows, white, quotas, weights, options.starts, rng, said, prior, work)
         except NotIdentifiable:
             if turn + 1 == len(splits) and not len(best):
                 raise
@@ -262,12 +286,12 @@ def _shortlist(problem: DesignProblem, relaxed: Relaxed) -> Indices:
 
 
 def _splits(
-    problem: DesignProblem, wish: Wish, relaxed: Relaxed, fixed: tuple[int | None, ...]
+    problem: DesignProblem, options: DesignOptions, relaxed: Relaxed, fixed: tuple[int | None, ...]
 ) -> list[tuple[tuple[tuple[int, ...], int], ...]]:
     """Ways to share the poses: pairs of loads that share a number of poses, and that number."""
     free = tuple(g for g, c in enumerate(fixed) if c is None)
     stated = tuple(((g,), c) for g, c in enumerate(fixed) if c)
-    if wish.budget is None:
+    if options.budget is None:
         rest = round(problem.total) - sum(c for c in fixed if c is not None)
         return [(*stated, (free, rest)) if free and rest else stated]
     return [
@@ -299,7 +323,7 @@ def _quotas(
     return Quotas(groups, tuple(count for _, count in counts), problem.place(short), repeats)
 
 
-def _plan(one: _Tried, rule: Robust, wish: Wish, bound: float, seed: int, tell: Progress) -> Plan:
+def _plan(one: _Tried, rule: Robust, options: DesignOptions, bound: float, seed: int, tell: Progress) -> Plan:
     """Put the chosen candidates, polished, and the certificate into a Plan. bound: no plan has a criterion below it"""
     problem, relaxed, chosen, counts = one.problem, one.relaxed, one.chosen, one.counts
     total = int(counts.sum())
@@ -308,7 +332,7 @@ def _plan(one: _Tried, rule: Robust, wish: Wish, bound: float, seed: int, tell: 
     efficiency = relaxed.efficiency if bound >= one.bound else bound / relaxed_value
     before = efficiency * relaxed_value / float(rule.value(M))
     poses, polished = problem.batch(chosen), None
-    if wish.polish:
+    if options.polish:
         pendant = polish(problem, rule, chosen, counts, lambda i, n: tell("polish", i, n))
         poses = replace(poses, pendant=pendant, q=problem.experiment.robot.controller.to_joints(pendant))
         rows = problem.rows_at(pendant, chosen)
@@ -324,7 +348,7 @@ def _plan(one: _Tried, rule: Robust, wish: Wish, bound: float, seed: int, tell: 
         candidates=len(problem.rows),
         poses=total,
         parameters=problem.names,
-        solver=SOLVER if wish.solver == "cvxpy" else "column generation",
+        solver=SOLVER if options.solver == "cvxpy" else "column generation",
         polished_from=polished,
         notes=(
             *_notes(problem, rule, M[0], np.bincount(problem.load(chosen), minlength=len(problem.loads))),
@@ -361,7 +385,7 @@ def _notes(problem: DesignProblem, rule: Robust, M: Array, counts: Indices) -> t
     if problem.held:
         shown = ", ".join(own.name for own in problem.held[:6])
         more = f" and {len(problem.held) - 6} more" if len(problem.held) > 6 else ""
-        notes.append(f"held at nominal, for no plan of these readings tells them: {shown}{more}")
+        notes.append(f"held at nominal, as no plan of these readings identifies them: {shown}{more}")
     if any(load.of_positions for load in problem.loads):
         notes += [
             f"no pose is planned under {load.name or 'no load'}: leave it out, or state its poses_min"

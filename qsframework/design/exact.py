@@ -96,7 +96,7 @@ def exchange(
             progress(start + 1, starts)
     if best is None:
         raise NotIdentifiable(
-            f"no plan of {quotas.poses} poses tells all {four.shape[-1]} parameters apart; ask for more poses, "
+            f"no plan of {quotas.poses} poses identifies all {four.shape[-1]} parameters; ask for more poses, "
             "another load, or fewer parameters"
         )
     return best

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from qsframework.design.candidates import Candidates
-from qsframework.design.certified import Wish
+from qsframework.design.certified import DesignOptions
 from qsframework.design.design import design
 from qsframework.design.problem import tip_rows
 from qsframework.elastostatics import Site
@@ -80,7 +80,7 @@ def plan_for(
     *,
     most: int = 200,
     seed: int = 0,
-    wish: Wish | None = None,
+    options: DesignOptions | None = None,
     progress: Progress | None = None,
     work: Work = HERE,
 ) -> Needed:
@@ -89,8 +89,10 @@ def plan_for(
     The position is meant in the base frame that the parameters hold which the readings do not tell. NotIdentifiable
     where not even `most` poses tell the parameters.
     """
-    wish = replace(wish or Wish(), criterion="I")  # the mean over the points, whose bound holds for the largest too
-    wish = replace(wish, starts=min(wish.starts, _STARTS))
+    options = replace(
+        options or DesignOptions(), criterion="I"
+    )  # the mean over the points, whose bound holds for the largest too
+    options = replace(options, starts=min(options.starts, _STARTS))
     repeatability = COVERAGE * np.sqrt(3.0) * (experiment.noise.repeatability or 0.0)
     wanted = (accuracy**2 - repeatability**2) / COVERAGE**2
     made: dict[int, Plan] = {}
@@ -104,7 +106,7 @@ def plan_for(
                     count,
                     candidates=candidates,
                     seed=seed,
-                    wish=wish,
+                    options=options,
                     test_poses=points,
                     tip=site,
                     progress=progress,

@@ -18,7 +18,7 @@ from qsframework.experiment.observations import start_values
 from qsframework.experiment.simulate import prior_draws
 from qsframework.experiment.stations import Station
 from qsframework.information import Allowed, CandidateRows, MadeRows, as_rows, loss_words
-from qsframework.information.identifiable import LeftAside, choose, in_order, kinds_of, limits_of
+from qsframework.information.identifiable import NotEstimated, choose, in_order, kinds_of, limits_of
 from qsframework.information.rows import gathered_information
 from qsframework.information.sensitivities import plan_columns, readings_columns, sd_of_taken
 from qsframework.plugin import Array, Indices, Poses, Sensor
@@ -64,7 +64,7 @@ class DesignProblem:
     prior: Array
     stations: tuple[int, ...]
     linear: bool = False
-    held: tuple[LeftAside, ...] = ()
+    held: tuple[NotEstimated, ...] = ()
 
     @property
     def per_load(self) -> int:
@@ -282,7 +282,8 @@ def _identifiable(problem: DesignProblem, prior: Prior) -> DesignProblem:
     by_name = [h for h in held if h.name in (experiment.fit or ())]
     if by_name or len(held) == len(names):
         raise NotIdentifiable(
-            f"{experiment.path}: no plan of these readings tells {', '.join(h.name for h in by_name or held[:6])}: "
+            f"{experiment.path}: no plan of these readings identifies "
+            f"{', '.join(h.name for h in by_name or held[:6])}: "
             f"{'; '.join(h.words() for h in (by_name or held)[:6])}. {_what_to_change(problem, by_name or held)}"
         )
     kept = [labels_names for i in taken if (labels_names := [*labels, *names][i]) in names]
@@ -295,9 +296,9 @@ def _unknown(problem: DesignProblem) -> list[Station]:
     return [s for s, slot in zip(problem.reading.stations, problem.reading.slots, strict=True) if slot is not None]
 
 
-def _what_to_change(problem: DesignProblem, held: Sequence[LeftAside]) -> str:
+def _what_to_change(problem: DesignProblem, held: Sequence[NotEstimated]) -> str:
     """What would tell parameters that nothing tells."""
-    absorbers = {name for h in held for name in h.absorbed_by}
+    absorbers = {name for h in held for name in h.correlated_with}
     if any(name.startswith("frame") for name in absorbers):
         return "State where the base is in the tracker's frame (frames: in the experiment), or leave them out of `fit`"
     if not absorbers and problem.experiment.has_load and not problem.experiment.loads:
@@ -451,7 +452,7 @@ def require_rank(problem: DesignProblem) -> None:
         one = "reads one direction of one marker: add a gauge along another, or a load that the tracker reads"
         said += f". Under {touched} a dial gauge {one}" if touched else ""
         path = problem.experiment.path
-        raise NotIdentifiable(f"{path}: no plan with these loads can tell the parameters: {said}")
+        raise NotIdentifiable(f"{path}: no plan with these loads identifies the parameters: {said}")
 
 
 def _root(M: Array) -> Array:

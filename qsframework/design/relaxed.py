@@ -117,7 +117,7 @@ def _whitened(cp: Any, rows: Array, w: Any, uniform: Array, before: Array) -> tu
     try:
         L = np.linalg.cholesky(flat.T @ flat + before)
     except np.linalg.LinAlgError as error:
-        raise NotIdentifiable("all candidates together cannot tell the parameters apart") from error
+        raise NotIdentifiable("all candidates together do not identify the parameters") from error
     inverse = np.asarray(np.linalg.inv(L), dtype=np.float64)
     white = rows @ inverse.T
     p = rows.shape[-1]

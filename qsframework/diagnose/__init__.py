@@ -2,18 +2,18 @@
 
 from qsframework.diagnose.diagnose import LEVEL, STEPS, diagnose
 from qsframework.diagnose.linearization.candidates import Cause, find_causes
-from qsframework.diagnose.result import Diagnosis, Errors, Leftover, Line, NamedCause, Rival, Value
+from qsframework.diagnose.result import AlternativeCause, Diagnosis, Errors, Leftover, Line, NamedCause, Value
 
 __all__ = [
     "LEVEL",
     "STEPS",
+    "AlternativeCause",
     "Cause",
     "Diagnosis",
     "Errors",
     "Leftover",
     "Line",
     "NamedCause",
-    "Rival",
     "Value",
     "diagnose",
     "find_causes",

@@ -10,7 +10,7 @@ from itertools import chain
 import numpy as np
 
 from qsframework.diagnose.evidence_table import findings_of, table_of
-from qsframework.diagnose.learn import Lesson, foretold, lessons
+from qsframework.diagnose.learn import LawTrial, foretold, law_trials
 from qsframework.diagnose.likeness import alike
 from qsframework.diagnose.linearization.candidates import Cause, Untested, find_causes
 from qsframework.diagnose.linearization.columns import Case, make_case
@@ -29,14 +29,14 @@ from qsframework.diagnose.residuals.audited_rows import (
 )
 from qsframework.diagnose.residuals.gross_rows import find_outliers
 from qsframework.diagnose.residuals.noise_components import NoiseAudit, audit_noise, visible
-from qsframework.diagnose.result import Diagnosis, Errors, Leftover, LikelyPlace, Method, NamedCause, Taught, Value
+from qsframework.diagnose.result import Diagnosis, Errors, LearnedLaw, Leftover, LikelyPlace, Method, NamedCause, Value
 from qsframework.diagnose.selection.closing_gate import (
     Likely,
-    contested,
     finest,
     leftovers,
     named_in,
     on_one_axis,
+    open_alternative,
 )
 from qsframework.diagnose.selection.cross_validation import HeldOut, Search, held_out
 from qsframework.diagnose.selection.exact_refit import SettledFit, predicted_or_linear, settle_fit
@@ -59,7 +59,7 @@ from qsframework.errors import InputError, NotConverged, NotIdentifiable
 from qsframework.estimation import orthonormal, rms, rounding
 from qsframework.estimation.linear_fit import winsorised
 from qsframework.estimation.visit_noise import Reml, reml
-from qsframework.experiment import Experiment, Readings, bridge, make_rows
+from qsframework.experiment import Experiment, Readings, make_rows, observation_model
 from qsframework.experiment.account import Account, account_of
 from qsframework.experiment.observations import REACH, ReadingRows, start_values, values_before
 from qsframework.identify.pose_spread import check_pose_spread
@@ -96,19 +96,19 @@ _LIKELY = 60
 """Laws among which each fold chooses anew, to say whether what is learned predicts."""
 _SPEAKS, _BESIDE = 1.5, 4.0
 """Nats for some part of the arm that moves from which on it is told: where nothing is named, and beside names."""
-STEPS = ("conventions", "baseline", "causes", "search", "closing gate", "held-out gain", "table", "noise")
+STEPS = ("conventions", "baseline", "causes", "search", "test for remaining signal", "held-out gain", "table", "noise")
 Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, eq=False)
 class _Start:
-    """An exact fit of the experiment's own parameters to all rows; untold: those that the readings do not tell."""
+    """An exact fit of the experiment's own parameters to all rows; unidentifiable: the others."""
 
     experiment: Experiment
     readings: Readings
     rows: ReadingRows
     fit: SettledFit
-    untold: tuple[str, ...]
+    unidentifiable: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -128,7 +128,7 @@ class _Baseline:
     nu: float
     good: Indices
     untested: tuple[Untested, ...]
-    untold: tuple[str, ...]
+    unidentifiable: tuple[str, ...]
     given: ReadingRows
     whole: Case
     far: bool = False
@@ -155,12 +155,24 @@ def diagnose(
     repeats: int = 3,
     progress: Progress | None = None,
 ) -> Diagnosis:
-    """What the experiment's model gets wrong on these readings, and which causes explain it.
+    """Find unmodelled effects in readings, and the causes that explain them.
 
-    level: probability of naming anything where nothing acts; largest: causes named together at most, 0: none;
-    repeats: of the cross-validation; progress(step, done, all) is called before each step.
+    Args:
+        experiment: the campaign.
+        readings: its readings.
+        level: false-alarm probability.
+        seed: random seed.
+        largest: causes named together at most, 0: none.
+        repeats: of the cross-validation.
+        progress: called with step, done and all before each step.
 
-    Raises InputError, NotIdentifiable or NotConverged where the baseline itself cannot be fitted.
+    Returns:
+        Causes with their evidence, errors (RMS, m) and what remains.
+
+    Raises:
+        InputError: where readings and experiment do not fit each other.
+        NotIdentifiable: where the baseline itself is not identifiable.
+        NotConverged: where its fit does not converge.
     """
     if not 0.0 < level < 0.5:
         raise InputError(f"level must be between 0 and 0.5, found {level:g}")
@@ -179,7 +191,7 @@ def diagnose(
     if not proved:
         found, structure = _structured(start, found, tell, level, largest, seed)
         conventions = (*structure, *conventions)
-    tell("closing gate")
+    tell("test for remaining signal")
     found, closing = _closed(found, level, largest, seed, repeats)
     base, library, answers = found.base, found.library, found.answers
     best, extended = found.best, found.extended
@@ -191,9 +203,9 @@ def diagnose(
     race = closing.race if best is None and closing.race is not None else _competition(base)
     findings = (*_convention_findings(conventions), *_beside(race, closing, findings))
     certain = _certain(base, best, findings)
-    taught = _taught(base, best, certain, closing, level, seed, repeats)
+    learned = _best_law(base, best, certain, closing, level, seed, repeats)
     tell("noise")
-    audit = _audit(base, taught.fit if taught and taught.holds else extended)
+    audit = _audit(base, learned.fit if learned and learned.holds else extended)
     after = misfit(base.experiment, base.readings, base.rows, extended)
     return Diagnosis(
         account=_account(base, findings),
@@ -214,10 +226,10 @@ def diagnose(
         baseline=base.fit,
         extended=extended,
         certain=certain,
-        taught=taught,
+        learned=learned,
         case=base.case,
         competition=race,
-        method=Method(held, base.far, base.untold, one_pose, lone_visits(base.rows)),
+        method=Method(held, base.far, base.unidentifiable, one_pose, lone_visits(base.rows)),
         level=level,
         seed=seed,
     )
@@ -230,14 +242,14 @@ class _Closing:
 
     leftovers: tuple[Leftover, ...]
     places: tuple[LikelyPlace, ...]
-    rivals: Mapping[str, Leftover]
+    alternatives: Mapping[str, Leftover]
     beaten: Collection[str]
-    lessons: Sequence[Lesson]
+    law_trials: Sequence[LawTrial]
     anew: float = 0.0
     race: Competition | None = None
 
 
-_OPEN = _Closing(leftovers=(), places=(), rivals={}, beaten=(), lessons=())
+_OPEN = _Closing(leftovers=(), places=(), alternatives={}, beaten=(), law_trials=())
 """Where nothing may be said of what is left."""
 
 
@@ -307,7 +319,7 @@ def _convention_findings(conventions: Sequence[Mistake]) -> tuple[NamedCause, ..
             s=float(np.sqrt(2.0 * max(c.evidence, 0.0))),
             p_value=float(np.exp(-min(c.evidence, 700.0))),
             ebic_gain=2.0 * c.evidence,
-            rivals=(),
+            alternatives=(),
             hangs_on=(),
         )
         for c in adopted(conventions)
@@ -329,22 +341,22 @@ def _start(experiment: Experiment, readings: Readings) -> _Start:
     rows = make_rows(readings)
     wanted = in_order(model, experiment.fit_names())
     x = start_values(experiment, wanted)
-    seen = bridge(experiment, readings, wanted, linear=True, x=x, rows=rows)
-    names, untold = split_told(seen)
+    seen = observation_model(experiment, readings, wanted, linear=True, x=x, rows=rows)
+    names, unidentifiable = split_told(seen)
     try:
         fit = settle_fit(model, rows, names, x, frames=seen.frames)
     except NotConverged as error:
-        if not untold:
+        if not unidentifiable:
             raise
-        said = f"{error}. These readings do not tell {', '.join(untold)}: kept at the nominal value"
+        said = f"{error}. These readings do not identify {', '.join(unidentifiable)}: kept at the nominal value"
         raise NotConverged(said) from error
     again, other = split_told(replace(seen, x=fit.x, frames=fit.frames))
     if again != names:  # at the solution they tell others than they seemed to at the guess
         at = model.index(list(again))
         x[at] = fit.x[at]
         with suppress(NotConverged):
-            fit, untold = settle_fit(model, rows, again, x, frames=fit.frames), other
-    return _Start(experiment, readings, rows, fit, untold)
+            fit, unidentifiable = settle_fit(model, rows, again, x, frames=fit.frames), other
+    return _Start(experiment, readings, rows, fit, unidentifiable)
 
 
 def _structures(given: _Start) -> list[tuple[Mistake, _Start]]:
@@ -418,7 +430,7 @@ def _baseline(start: _Start) -> _Baseline:
         nu=fits.freedom(0),
         good=np.arange(len(rows.keep)),
         untested=untested,
-        untold=start.untold,
+        unidentifiable=start.unidentifiable,
         given=rows,
         whole=case,
     )
@@ -433,8 +445,8 @@ def _fits(rows: ReadingRows, columns: Array) -> Reml:
 def _told(base: _Baseline, fits: Reml, beside: SettledFit) -> _Baseline:
     """The baseline in the noise that an exact fit to its rows leaves, tamed about that fit."""
     start, noise = base.start, fits.noise
-    k, white, tame = _tamed(fits, beside.residuals.ravel())
-    k, white, tame = _tamed(fits, beside.residuals.ravel(), noise.noises[k].colour(tame))
+    k, white, tame = _winsorised(fits, beside.residuals.ravel())
+    k, white, tame = _winsorised(fits, beside.residuals.ravel(), noise.noises[k].colour(tame))
     left = noise.noises[k].colour(tame)
     unit = max(fits.unit(k, left), rounding(start.noise, start.scalars, REACH))
     rows = in_noise(start, unit, float(noise.rhos[k]))
@@ -445,7 +457,7 @@ def _told(base: _Baseline, fits: Reml, beside: SettledFit) -> _Baseline:
     return replace(base, rows=rows, fit=fit, case=case, fits=fits, nu=fits.freedom(k))
 
 
-def _tamed(fits: Reml, values: Array, tame: Array | None = None) -> tuple[int, Array, Array]:
+def _winsorised(fits: Reml, values: Array, tame: Array | None = None) -> tuple[int, Array, Array]:
     """Place of the noise that readings (m,) m tell, or tamed ones in their place; the readings whitened, and tamed."""
     k = int(fits.choose((values if tame is None else tame)[:, None])[0])
     white = fits.noise.noises[k].whiten(values)
@@ -547,7 +559,7 @@ def _closed(found: _Found, level: float, largest: int, seed: int, repeats: int) 
         answer = replace(found.best, subset=replace(found.best.subset, members=members), fit=fit)
         stands = replace(found, answers=(answer, *found.answers[1:]))
     after = _close(stands.base, stands.best, stands.extended, rest, seed)
-    law = _taught(stands.base, stands.best, stands.extended, after, level, seed, repeats)
+    law = _best_law(stands.base, stands.best, stands.extended, after, level, seed, repeats)
     named = _held(found.base, found.library, found.best, level, largest, seed, repeats).rms_extended
     return (stands, after) if law is not None and law.heldout < _PREDICTS * named else (found, closing)
 
@@ -594,16 +606,16 @@ def _close(base: _Baseline, best: Answer | None, fit: SettledFit, level: float, 
         if left or race.margin > (_BESIDE if best else _SPEAKS):
             places = race.likely([(x.whole, x.evidence) for x in likely])
     causes = {c.name: c.names for c in _causes(base, best)}
-    rivals: dict[str, Leftover] = {}
+    alternatives: dict[str, Leftover] = {}
     beaten: set[str] = set()
     for name in named_in(fit, causes, columns):
         own = [columns.shape[1] - len(fit.names) + fit.names.index(p) for p in causes[name.name]]
-        rival = contested(blocks, _fits(base.rows, np.delete(columns, own, axis=1)), tame, name)
+        rival = open_alternative(blocks, _fits(base.rows, np.delete(columns, own, axis=1)), tame, name)
         if rival is not None:
-            rivals[name.name] = rival[0]
+            alternatives[name.name] = rival[0]
             beaten |= {name.name} if rival[1] else set()
     here = tuple(x for x in left if places and x.law.where in places[0].wheres)
-    taught = lessons(fit.model, [*blocks, *(x.block for x in likely)], here, len(blocks), fits, tame)
+    trials = law_trials(fit.model, [*blocks, *(x.block for x in likely)], here, len(blocks), fits, tame)
     if here:  # a block that passed its own test says by which variable
         left = (*here, *(x for x in left if x not in here))
         same = (replace(places[0].law, by=()), *places[0].equivalent)
@@ -615,8 +627,10 @@ def _close(base: _Baseline, best: Answer | None, fit: SettledFit, level: float, 
         left = (Leftover(places[0].law, p, race.margin), *left)
     strong = sorted(zip(e.tolist(), blocks, strict=True), key=lambda x: -x[0])[:_LIKELY] if len(e) else []
     among = [*(x.block.columns for x in likely), *(b.columns for _, b in strong)]
-    anew = foretold(among, fits, tame, np.repeat(base.rows.pose, 3)) if taught else 0.0
-    return _Closing(leftovers=left, places=places, rivals=rivals, beaten=beaten, lessons=taught, anew=anew, race=race)
+    anew = foretold(among, fits, tame, np.repeat(base.rows.pose, 3)) if trials else 0.0
+    return _Closing(
+        leftovers=left, places=places, alternatives=alternatives, beaten=beaten, law_trials=trials, anew=anew, race=race
+    )
 
 
 def _competition(base: _Baseline) -> Competition:
@@ -639,7 +653,7 @@ def _beside(race: Competition, closing: _Closing, findings: Sequence[NamedCause]
     law = first.told(1.0).law if first is not None and race.causes_ahead <= _AHEAD else None
     out: list[NamedCause] = []
     for f in findings:
-        instead = closing.rivals.get(f.name)
+        instead = closing.alternatives.get(f.name)
         if instead is None and first is not None and law is not None:
             instead = Leftover(law, float("nan"), first.evidence - race.causes.get(f.name, 0.0))
         out.append(replace(f, instead=instead))
@@ -650,9 +664,9 @@ def _causes(base: _Baseline, best: Answer | None) -> list[Cause]:
     return [base.case.causes[i] for i in best.subset.members] if best else []
 
 
-def _taught(
+def _best_law(
     base: _Baseline, best: Answer | None, certain: SettledFit, closing: _Closing, level: float, seed: int, repeats: int
-) -> Taught | None:
+) -> LearnedLaw | None:
     """The law that what is left teaches, at a place that is told: the first of the plainest that holds, else the
     plainest.
 
@@ -660,29 +674,29 @@ def _taught(
     """
     if best is not None and certain is not best.fit:
         closing = _close(base, None, certain, level * (1.0 - _LIBRARY_SHARE), seed)
-    tried: list[Taught] = []
-    for lesson in closing.lessons:
-        taught = _learned(base, best, certain, lesson, closing.anew, seed, repeats)
-        if taught is not None and taught.holds:
-            return taught
-        tried += [taught] if taught is not None else []
+    tried: list[LearnedLaw] = []
+    for trial in closing.law_trials:
+        learned = _learned(base, best, certain, trial, closing.anew, seed, repeats)
+        if learned is not None and learned.holds:
+            return learned
+        tried += [learned] if learned is not None else []
     return tried[0] if tried else None
 
 
 def _learned(
-    base: _Baseline, best: Answer | None, certain: SettledFit, lesson: Lesson, anew: float, seed: int, repeats: int
-) -> Taught | None:
+    base: _Baseline, best: Answer | None, certain: SettledFit, trial: LawTrial, anew: float, seed: int, repeats: int
+) -> LearnedLaw | None:
     """A law fitted exactly beside the certain names, with its held-out gain; None where no fit leads anywhere."""
     kept = [c for c in _causes(base, best) if set(c.names) <= set(certain.names)]
-    fit = refit(base.case, [*kept, lesson.cause], base.fit, base.rows)
+    fit = refit(base.case, [*kept, trial.cause], base.fit, base.rows)
     if fit is None:
         return None
-    cases = _case_at(base, kept, certain), _case_at(base, [*kept, lesson.cause], fit)
+    cases = _case_at(base, kept, certain), _case_at(base, [*kept, trial.cause], fit)
     held = held_out(*cases, (), [], None, seed, repeats)
     bounds = {p.name: (p.lower, p.upper) for p in fit.model.parameters}
-    return Taught(
-        cause=lesson.cause,
-        leftover=lesson.leftover,
+    return LearnedLaw(
+        cause=trial.cause,
+        leftover=trial.leftover,
         s=float(np.sqrt(max(certain.chi2 - fit.chi2, 0.0))),
         fit=fit,
         before=held.rms_identified,
@@ -691,7 +705,7 @@ def _learned(
         clear=held.clear,
         anew=anew,
         physical=all(bounds[n][0] <= v <= bounds[n][1] for n, v in fit.by_name().items()),
-        alike=alike(base.case, kept, fit, lesson.leftover.law, lesson.cause),
+        alike=alike(base.case, kept, fit, trial.leftover.law, trial.cause),
     )
 
 

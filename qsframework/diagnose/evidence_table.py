@@ -8,13 +8,13 @@ import numpy as np
 
 from qsframework.diagnose.error_budget import linear_errors
 from qsframework.diagnose.linearization.candidates import REACH, Cause, Untested
-from qsframework.diagnose.result import Line, NamedCause, Rival, Status, Value
+from qsframework.diagnose.result import AlternativeCause, Line, NamedCause, Status, Value
+from qsframework.diagnose.selection.alternatives import alternative_set
 from qsframework.diagnose.selection.cross_validation import HeldOut, standard_errors
 from qsframework.diagnose.selection.exact_refit import SettledFit
 from qsframework.diagnose.selection.influence import hangs_on
 from qsframework.diagnose.selection.model_selection import Answer, Library, p_value_of, size_of
 from qsframework.diagnose.selection.principal_angles import angle_matrix, smallest_angles
-from qsframework.diagnose.selection.rivals import rival_set
 from qsframework.diagnose.selection.search import Subset
 from qsframework.estimation.tails import chi2_isf
 from qsframework.plugin import Array, Parameter
@@ -22,7 +22,7 @@ from qsframework.plugin import Array, Parameter
 _SIDES = 1.96
 _ROUNDING = 1e-6
 """Share of a typical size below which a number is rounding."""
-_RIVALS_TRIED = 12
+_ALTERNATIVES_TRIED = 12
 _MOST_SETS = 20
 
 
@@ -35,7 +35,7 @@ def findings_of(
     pose_names: Sequence[str],
     seed: int,
 ) -> tuple[NamedCause, ...]:
-    """The named causes of the best explanation with rivals, evidence and the poses that they hang on.
+    """The named causes of the best explanation with alternatives, evidence and the poses that they hang on.
 
     threshold: log p of a significant cause; pose_names: by number of the pose
     """
@@ -43,10 +43,10 @@ def findings_of(
         return ()
     best = answers[0]
     members = best.subset.members
-    rivals = {i: _rivals(library, answers, i, seed) for i in members}
-    hanging = {i: _hanging(library, best.subset, i, rivals[i], threshold, pose_names) for i in members}
+    alternatives = {i: _alternatives(library, answers, i, seed) for i in members}
+    hanging = {i: _hanging(library, best.subset, i, alternatives[i], threshold, pose_names) for i in members}
     gains = _gains(library, members, baseline, held)
-    out = [_finding(library, answers, baseline, i, rivals[i], hanging[i], gains[i]) for i in members]
+    out = [_finding(library, answers, baseline, i, alternatives[i], hanging[i], gains[i]) for i in members]
     return tuple(sorted(out, key=lambda f: -f.s))
 
 
@@ -75,7 +75,7 @@ def _finding(
     answers: Sequence[Answer],
     baseline: SettledFit,
     i: int,
-    rivals: Sequence[int],
+    alternatives: Sequence[int],
     hanging: tuple[tuple[str, ...], ...],
     gain: tuple[float, float],
 ) -> NamedCause:
@@ -92,7 +92,7 @@ def _finding(
         s=s,
         p_value=p_value_of(library, i, given),
         ebic_gain=_conditional_ebic(library, i, given) if given else -best.ebic,
-        rivals=tuple(Rival(library.case.causes[j].name, float(angles[j])) for j in rivals),
+        alternatives=tuple(AlternativeCause(library.case.causes[j].name, float(angles[j])) for j in alternatives),
         hangs_on=hanging,
         physics=(cause.kind.__doc__ or cause.name).strip().splitlines()[0],
         check=cause.kind.check,
@@ -115,12 +115,12 @@ def _conditional_ebic(library: Library, i: int, given: tuple[int, ...]) -> float
     return gram.ebic(without, dof, len(given), count) - gram.ebic(rss, dof + len(gram.at[i]), len(given) + 1, count)
 
 
-def _rivals(library: Library, answers: Sequence[Answer], i: int, seed: int) -> tuple[int, ...]:
+def _alternatives(library: Library, answers: Sequence[Answer], i: int, seed: int) -> tuple[int, ...]:
     best = answers[0].subset.members
     given = tuple(j for j in best if j != i)
     causes, own = library.case.causes, library.case.causes[i]
     without = [j for j, c in enumerate(causes) if j != i and (c.shares(own) or (c.group and not own.group))]
-    found = rival_set(library.gram, i, given, _exact(answers, given), seed, without=without)
+    found = alternative_set(library.gram, i, given, _exact(answers, given), seed, without=without)
     every = dict.fromkeys(j for rival in (i, *found) for j in library.aliases(rival))  # what does the same goes along
     out = {i, *given, *without}
     return tuple(j for j in every if j not in out and library.subspaces[j].visible)
@@ -137,15 +137,15 @@ def _exact(answers: Sequence[Answer], given: tuple[int, ...]) -> Mapping[int, fl
 
 
 def _hanging(
-    library: Library, best: Subset, i: int, rivals: Sequence[int], threshold: float, pose_names: Sequence[str]
+    library: Library, best: Subset, i: int, alternatives: Sequence[int], threshold: float, pose_names: Sequence[str]
 ) -> tuple[tuple[str, ...], ...]:
     """Poses that the name of cause i hangs on; that a rival takes over is no news."""
     gram = library.gram
     given = tuple(j for j in best.members if j != i)
-    allowed = {i, *rivals, *library.aliases(i)}
+    allowed = {i, *alternatives, *library.aliases(i)}
     own = library.case.causes[i]
     allowed |= {j for j, c in enumerate(library.case.causes) if c.shares(own) or (c.group and not own.group)}
-    others = _alternatives(library, given, allowed)
+    others = _other_sets(library, given, allowed)
     dof = len(gram.at[i])
     needed = float(chi2_isf(float(np.exp(threshold)), max(dof, 1))) * library.unit(best.members)
     without = Subset(given, 0.0, best.dof - dof, 0.0)
@@ -153,16 +153,16 @@ def _hanging(
     return tuple(tuple(pose_names[p] for p in poses) for poses in found[:_MOST_SETS])
 
 
-def _alternatives(library: Library, given: tuple[int, ...], allowed: set[int]) -> list[Subset]:
+def _other_sets(library: Library, given: tuple[int, ...], allowed: set[int]) -> list[Subset]:
     """The given causes with another one in the free place, the best few that are physical."""
     gram = library.gram
     others = [j for j in library.heads if j not in given and j not in allowed]
     falls = gram.falls(given, others)
     out: list[Subset] = []
-    for n in np.argsort(-falls)[: 2 * _RIVALS_TRIED]:
+    for n in np.argsort(-falls)[: 2 * _ALTERNATIVES_TRIED]:
         members = (*given, others[int(n)])
         rss, _, physical = gram.solve(members)
-        if physical and len(out) < _RIVALS_TRIED:
+        if physical and len(out) < _ALTERNATIVES_TRIED:
             out.append(Subset(members, rss, sum(len(gram.at[j]) for j in members), 0.0))
     return out
 
@@ -170,9 +170,9 @@ def _alternatives(library: Library, given: tuple[int, ...], allowed: set[int]) -
 def table_of(
     library: Library, best: Answer | None, findings: Sequence[NamedCause], untested: Sequence[Untested]
 ) -> tuple[Line, ...]:
-    """One line for every cause: named ones first, then their rivals, what is excluded, what is invisible."""
+    """One line for every cause: named ones first, then their alternatives, what is excluded, what is invisible."""
     named = {f.name for f in findings}
-    tied = {r.name for f in findings for r in f.rivals}
+    tied = {r.name for f in findings for r in f.alternatives}
     members = best.subset.members if best else ()
     angles = angle_matrix(library.subspaces)
     causes = library.case.causes

@@ -14,7 +14,7 @@ import numpy as np
 
 from qsframework.diagnose.linearization.candidates import Cause
 from qsframework.diagnose.linearization.generic_blocks import Block, motions
-from qsframework.diagnose.result import Leftover, Taught
+from qsframework.diagnose.result import LearnedLaw, Leftover
 from qsframework.diagnose.selection.cross_validation import parts_of_poses, standard_errors
 from qsframework.diagnose.selection.evidence import DRAWS, TAUS, prior_of
 from qsframework.elastostatics import Model
@@ -51,25 +51,25 @@ _TELLS = 0.2
 
 
 @dataclass(frozen=True)
-class Lesson:
+class LawTrial:
     """A law that can be written as an effect: the cause that it is, and what was left of it."""
 
     leftover: Leftover
     cause: Cause
 
 
-def lessons(
+def law_trials(
     model: Model,
     blocks: Sequence[Block],
     left: Sequence[Leftover],
     tried: int,
     fits: Reml,
     values: Array,
-) -> list[Lesson]:
+) -> list[LawTrial]:
     """The few plainest laws that readings (m,) m hold beside a fit, well enough to be learned, and an effect can be;
     blocks: all that is left may be of; tried: how many laws were, about all axes of their places."""
     known = {b.law: b for b in blocks}
-    out: list[Lesson] = []
+    out: list[LawTrial] = []
     for leftover in left:
         if leftover.evidence < np.log(_ODDS * tried) or leftover.p_value > _CHANCE:
             continue
@@ -79,7 +79,7 @@ def lessons(
             prior = prior_of(block.columns, fits, values)
             effect: Any = replace(cast("Any", effects[-1]), prior=prior)
             parameters = effect.parameters(model.facts)
-            out.append(Lesson(leftover, Cause(effect.name, (*effects[:-1], effect), parameters, False, prior)))
+            out.append(LawTrial(leftover, Cause(effect.name, (*effects[:-1], effect), parameters, False, prior)))
         if len(out) == _TRIED:
             break
     return out
@@ -133,11 +133,11 @@ class Curve:
     torque: float
 
 
-def curve(taught: Taught, robot: RobotFacts, count: int = 61) -> Curve | None:
+def curve(learned: LearnedLaw, robot: RobotFacts, count: int = 61) -> Curve | None:
     """The law over the range that the readings have: over its angle, the order or the way by which the joint came where
     there is one, under the largest torque, else over the torque; None for one that no single curve shows."""
-    effect: Any = taught.cause.effects[-1]
-    law = taught.leftover.law
+    effect: Any = learned.cause.effects[-1]
+    law = learned.leftover.law
     over = next((f for f in (*law.angles, *law.by) if f in (*law.angles[:1], "order", "came", "torque")), None)
     if over is None or len(law.angles) > 1 or "others" in law.by or law.part in ("marker", "readings", "load", "point"):
         return None
@@ -163,26 +163,26 @@ def curve(taught: Taught, robot: RobotFacts, count: int = 61) -> Curve | None:
         shapes = shapes - straight[:, None, None] * np.einsum("n,nkm->km", straight, shapes) / float(
             straight @ straight
         )
-    names = taught.cause.names
-    at = [taught.fit.names.index(n) for n in names]
+    names = learned.cause.names
+    at = [learned.fit.names.index(n) for n in names]
     k, m = shapes.shape[1:]
     covariance = np.stack(
-        [taught.fit.covariance[np.ix_(at, at)][i * m : i * m + m, i * m : i * m + m] for i in range(k)]
+        [learned.fit.covariance[np.ix_(at, at)][i * m : i * m + m, i * m : i * m + m] for i in range(k)]
     )
     sd = np.sqrt(np.maximum(np.einsum("nkp,kpq,nkq->nk", shapes, covariance, shapes), 0.0))
-    weights = np.array([taught.fit.value(n) for n in names]).reshape(k, m)
+    weights = np.array([learned.fit.value(n) for n in names]).reshape(k, m)
     under = np.nan if over == "torque" else 0.0 if free else float(effect.scale)
     return Curve(over, x, np.einsum("nkm,km->nk", shapes, weights), sd, under)
 
 
-def dots(taught: Taught, rows: ReadingRows, found: Curve) -> tuple[Array, Array]:
+def dots(learned: LearnedLaw, rows: ReadingRows, found: Curve) -> tuple[Array, Array]:
     """What each visit says of a curve: variable (V, k) and motion (V, k) rad or m, k coordinates, NaN for visits that
     stand under too little torque to tell; rows: those of the fit.
 
     The motion is the curve's plus the one that fits the visit's residuals best, under the curve's torque.
     """
-    fit, law = taught.fit, taught.leftover.law
-    effect: Any = taught.cause.effects[-1]
+    fit, law = learned.fit, learned.leftover.law
+    effect: Any = learned.cause.effects[-1]
     moved = motions(fit.model, rows, fit.x, fit.frames)
     at = next(list(p.coordinates) for p in moved.places if (p.part, p.name) == (law.part, law.place))
     if law.axis:

@@ -30,7 +30,7 @@ _MOST = 3
 
 
 def alike(case: Case, kept: Sequence[Cause], fit: SettledFit, law: Law, learned: Cause) -> tuple[Alike, ...]:
-    """The causes of the library that look like a law that was learned, the likest first, its rivals among them.
+    """The causes of the library that look like a law that was learned, the likest first, its alternatives among them.
 
     case: with the library, in the noise of the fit; kept: the causes that are fitted beside the law
     """

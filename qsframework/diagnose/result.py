@@ -1,4 +1,4 @@
-"""The result of a diagnosis: named causes with their evidence, their rivals and what they gain."""
+"""The result of a diagnosis: named causes with their evidence, their alternatives and what they gain."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Value:
 
 
 @dataclass(frozen=True)
-class Rival:
+class AlternativeCause:
     """A cause that these readings cannot tell from the named one; angle (rad) between what the two can do."""
 
     name: str
@@ -108,7 +108,7 @@ class NamedCause:
     s: float
     p_value: float
     ebic_gain: float
-    rivals: tuple[Rival, ...]
+    alternatives: tuple[AlternativeCause, ...]
     hangs_on: tuple[tuple[str, ...], ...]
     physics: str = ""
     check: str = ""
@@ -118,15 +118,15 @@ class NamedCause:
 
     @property
     def doubtful(self) -> bool:
-        """Whether the held-out error does not clearly fall with it, in the noise that was found: not at all,
+        """Whether the held-out error is not clearly smaller with it, in the noise that was found: not at all,
         or, for a name that is barely seen, by no more than chance may do."""
         return self.heldout_gain <= 0.0 or (self.faint and self.heldout_clear < _CLEAR)
 
     @property
-    def contested(self) -> bool:
+    def open_alternative(self) -> bool:
         """Whether something else may be it: causes that these readings cannot tell from it, a law that explains them as
         well in its place, or chance."""
-        return bool(self.rivals) or self.instead is not None or self.faint
+        return bool(self.alternatives) or self.instead is not None or self.faint
 
     @property
     def faint(self) -> bool:
@@ -150,7 +150,7 @@ class Alike:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Taught:
+class LearnedLaw:
     """A law that was learned where no cause of the library explains the readings.
 
     cause: its effect and weights; leftover: by which evidence; s: visible size in units of noise; fit: exact, beside
@@ -237,13 +237,13 @@ class Method:
     """How a diagnosis came about.
 
     far: whether a named cause is so large that it is far from linear: the noise was audited again at its size, and the
-    folds took the causes as given; untold: parameters that the readings do not tell; one_pose: whether all are of one;
+    folds took the causes as given; unidentifiable: parameters held at nominal; one_pose: whether all are of one;
     lone: whether every visit has one marker, so that its own error and the visit's cannot be told apart
     """
 
     held: HeldOut
     far: bool
-    untold: tuple[str, ...]
+    unidentifiable: tuple[str, ...]
     one_pose: bool
     lone: bool
 
@@ -253,7 +253,7 @@ class Diagnosis(Viewed):
     """What the model gets wrong.
 
     baseline and extended: the exact fits without and with the named causes, certain: with those that are not doubtful,
-    over the rows `kept` of `readings`; taught: a law that was learned of what the names leave; places: where that may
+    over the rows `kept` of `readings`; learned: a law that was learned of what the names leave; places: where that may
     be, which hold 95 % of the evidence together; outliers: rows that belong to nothing; case: linearised at the
     baseline; competition: of all places and causes there; before, after: their lack of fit; account: of the baseline,
     with the causes that are open: named and not doubtful
@@ -277,7 +277,7 @@ class Diagnosis(Viewed):
     baseline: SettledFit
     extended: SettledFit
     certain: SettledFit
-    taught: Taught | None
+    learned: LearnedLaw | None
     case: Case
     competition: Competition
     method: Method

@@ -13,7 +13,7 @@ from qsframework.diagnose.selection.model_selection import Library
 _MISFIT = 1e-3
 """p-value of the lack of fit below which no name is final; the noise has been audited before."""
 MANY = 8
-"""Kinds of rivals beyond which a name is no explanation: something acts, and the readings do not say what."""
+"""Kinds of alternatives beyond which a name is no explanation: something acts, and the readings do not say what."""
 
 
 def ambiguous(library: Library, findings: Sequence[NamedCause]) -> bool:
@@ -22,7 +22,7 @@ def ambiguous(library: Library, findings: Sequence[NamedCause]) -> bool:
     if any(f.faint or f.instead is not None for f in findings):
         return True
     at = {c.name: i for i, c in enumerate(library.case.causes)}
-    kinds = [{library.aliases(at[r.name]) for r in f.rivals} for f in findings]
+    kinds = [{library.aliases(at[r.name]) for r in f.alternatives} for f in findings]
     return any(len(k) > MANY for k in kinds)
 
 

@@ -70,6 +70,9 @@ def follow_up(
         seed: of the candidates and of the chances.
         progress: called with a step, how much of it is done, and of how much.
 
+    Returns:
+        The plan, and the probability of the right place before and after it.
+
     Raises:
         InputError: where nothing is open, no candidate is allowed, or `without` names no such link.
     """

@@ -200,7 +200,7 @@ def known_causes(experiment: Experiment, poses: Poses, names: Sequence[str]) -> 
         elif name not in found:
             problems.append(Problem(f"no cause {name!r}", allowed=", ".join(found), hint=nearest(name, list(found))))
     if len(set(names)) < len(names):
-        problems.append(Problem(f"{names[0]} cannot be told from itself; name two causes"))
+        problems.append(Problem(f"{names[0]} cannot be separated from itself; name two causes"))
     if problems:
         raise InputError(problems)
     return tuple(found[name] for name in names)

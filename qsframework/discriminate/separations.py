@@ -1,4 +1,4 @@
-"""What would tell a named cause from the rivals that the readings leave: more poses, or other readings."""
+"""What would tell a named cause from the alternatives that the readings leave: more poses, or other readings."""
 
 from __future__ import annotations
 
@@ -45,15 +45,15 @@ def separations(
     The size of a named cause is its estimate, the noise the audited one. Candidates are drawn once for all pairs.
     """
     causes = {c.name: c for c in diagnosis.case.causes}
-    tied = sorted((f for f in diagnosis.findings if f.rivals and f.name in causes), key=lambda f: -f.s)
+    tied = sorted((f for f in diagnosis.findings if f.alternatives and f.name in causes), key=lambda f: -f.s)
     found: list[Discrimination] = []
     missing: list[NotSeparated] = []
     effort = effort_for(diagnosis, min(len(tied), most), count)
     draw = _drawn_once(diagnosis.seed)
     for i, f in enumerate(tied[:most]):
         if progress is not None:
-            progress("what would separate rivals", i, min(len(tied), most))
-        rival = min(f.rivals, key=lambda r: r.angle).name
+            progress("what would separate alternatives", i, min(len(tied), most))
+        rival = min(f.alternatives, key=lambda r: r.angle).name
         others = [causes[g.name] for g in diagnosis.findings if g.name in causes and g.name not in (f.name, rival)]
         try:
             found.append(
@@ -75,7 +75,7 @@ def separations(
         except InputError as error:
             missing.append(NotSeparated(f.name, rival, error))
     if progress is not None and tied:
-        progress("what would separate rivals", min(len(tied), most), min(len(tied), most))
+        progress("what would separate alternatives", min(len(tied), most), min(len(tied), most))
     return tuple(found), tuple(missing)
 
 

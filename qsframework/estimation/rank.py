@@ -35,8 +35,8 @@ class RankTest:
     def words(self) -> str:
         """One sentence for each loss."""
         said = [f"{name}: no reading depends on it" for name in self.unseen]
-        said += [f"{', '.join(group)}: the readings tell only a combination of these" for group in self.tied]
-        return "; ".join(said) or "all parameters can be told apart"
+        said += [f"{', '.join(group)}: only a combination of these is identifiable" for group in self.tied]
+        return "; ".join(said) or "all parameters are identifiable"
 
 
 def rank_test(rows: Array, names: Sequence[str]) -> RankTest:

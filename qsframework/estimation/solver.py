@@ -23,7 +23,7 @@ from qsframework.plugin import Array
 
 _STEPS = 200
 _LAPS = 10
-"""Steps in which a descent must lower what a step promises to _LESS of it, or the cost by _FALL of it: one that does
+"""Steps in which a descent must lower what a step predicts to _LESS of it, or the cost by _FALL of it: one that does
 neither goes to and fro over a kink of the model, or runs away, and 200 steps end no better."""
 _LESS = 0.75
 _FALL = 1e-2
@@ -46,7 +46,7 @@ _IDLE = 4
 """Steps in a row that promise no less than half of the one before: rounding is all that is left, if they promise less
 than the digits of the cost, or less than _SLOPES of the residuals."""
 _SLOPES = 1e-6
-"""What sensitivities err by where a law's own derivatives are taken by differences: of large residuals a step promises
+"""What sensitivities err by where a law's own derivatives are taken by differences: of large residuals a step predicts
 so much over and over, and keeps nothing of it."""
 _ROUNDS = 50
 _SETTLED = 1e-6
@@ -309,7 +309,7 @@ class _State:
 
 @dataclass(frozen=True, eq=False)
 class _Linearised:
-    """The least squares A d = b of a state, and its solution: the undamped step (q,) with what it promises.
+    """The least squares A d = b of a state, and its solution: the undamped step (q,) with what it predicts.
 
     gain: norm of A step, by which residuals change; unit: root mean square of the residuals
     """

@@ -148,14 +148,14 @@ def _end(excess: Callable[[float], float], best: float, step: float, bound: floa
         outside = best + (outside - best) * 2.0 if outside != best else best + 0.7 * step
         beyond = outside <= bound if step < 0 else outside >= bound
         if beyond:
-            outside = bound + _CLOSE * (best - bound)  # at the bound itself the others may be untold
+            outside = bound + _CLOSE * (best - bound)  # at the bound itself the others may be unidentifiable
         if excess(outside) > 0.0:
             found = root_scalar(excess, bracket=(inside, outside), xtol=_CLOSE * abs(step), rtol=1e-12)
             return float(found.root)
         if beyond:
             return bound
         inside = outside
-    raise NotConverged(f"{name}: no end of its interval within {2.0**_STEPS:.0e} sds; the readings do not tell it")
+    raise NotConverged(f"{name}: no end of its interval within {2.0**_STEPS:.0e} sds; the readings do not identify it")
 
 
 def rms(values: Array) -> float:

@@ -6,8 +6,8 @@ from .frames import Frame as Frame
 from .observations import (
     ObservationModel as ObservationModel,
     ReadingRows as ReadingRows,
-    bridge as bridge,
     make_rows as make_rows,
+    observation_model as observation_model,
 )
 from .plan import (
     Plan as Plan,

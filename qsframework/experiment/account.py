@@ -97,7 +97,7 @@ class Account(FileRecord):
             points = ", ".join(name.partition(":")[2] for name in self.frames)
             said = (
                 f"Measured: touches of points and plates of unknown place, {counted} ({points}). Errors and "
-                "uncertainties are of the arm relative to these: what shifts or turns the whole arm is absorbed by "
+                "uncertainties are of the arm relative to these: what shifts or turns the whole arm is taken up by "
                 "their places, which were estimated from the same readings."
             )
         elif self.frames:

@@ -532,7 +532,7 @@ class ObservationModel:
         )
 
 
-def bridge(
+def observation_model(
     experiment: Experiment,
     readings: Readings,
     names: Sequence[str] | None = None,

@@ -200,7 +200,19 @@ def _columns(experiment: Experiment) -> list[Column]:
 
 
 def write_plan(path: str | Path, plan: Plan, experiment: Experiment) -> None:
-    """Write plan.csv, and beside it plan.json with criterion, certificate, seed and hashes."""
+    """Write plan.csv, and beside it plan.json with criterion, certificate, seed and hashes.
+
+    Args:
+        path: the file.
+        plan: the plan.
+        experiment: its campaign.
+
+    Returns:
+        Nothing.
+
+    Raises:
+        InputError: where it cannot be written.
+    """
     path = Path(path)
     if path.suffix == ".json":
         raise InputError(Problem("a plan is a table with its proof beside it in .json; name it .csv", file=str(path)))
@@ -243,7 +255,18 @@ def write_plan(path: str | Path, plan: Plan, experiment: Experiment) -> None:
 
 
 def read_plan(path: str | Path, experiment: Experiment) -> Plan:
-    """Read a plan.csv and, if its hash matches, the proof beside it. InputError with all problems."""
+    """Read a plan.csv and, if its hash matches, the certificate beside it.
+
+    Args:
+        path: the file.
+        experiment: the campaign.
+
+    Returns:
+        The plan: pendant angles, rad, and wrenches, N and N m.
+
+    Raises:
+        InputError: with all problems, each with row and column.
+    """
     path = Path(path)
     table = read_table(path, _columns(experiment), experiment.robot.name)
     n = experiment.robot.controller.axes

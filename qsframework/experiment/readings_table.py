@@ -155,10 +155,19 @@ def _header(path: Path) -> list[str]:
 def read_readings(
     path: str | Path | Sequence[str | Path], experiment: Experiment, states: str | None = None
 ) -> Readings:
-    """Read and check one or more files of a campaign. InputError with all their problems, each with row and column.
+    """Read and check one or more files of a campaign.
 
-    states: how files of states are read, "differences" or "positions"; as the experiment says if None. Where it says
-    nothing either: differences where poses hold both states and the fit names no geometry, frame or marker.
+    Args:
+        path: the file or files.
+        experiment: the campaign.
+        states: how files of states are read, "differences" or "positions"; as the experiment says if None. If it does
+            not: differences where poses hold both states and the fit names no geometry, frame or marker.
+
+    Returns:
+        R readings, m, with their sds, poses and loads.
+
+    Raises:
+        InputError: with all their problems, each with row and column.
     """
     paths = [Path(p) for p in ([path] if isinstance(path, str | Path) else path)]
     states = states or experiment.states
@@ -316,7 +325,9 @@ class _Rows:
         constant = np.hstack([self.pendant, self.wrench, *known])
         first, measurement = _group(table, keys, labels, self._who(), constant, problems)
         if not problems and not np.any(self.wrench):
-            problems.append(Problem("every force is zero; a displacement under no load tells nothing", str(table.path)))
+            problems.append(
+                Problem("every force is zero; a displacement under no load carries no information", str(table.path))
+            )
         if not problems and self.use.any() and not np.any(np.nan_to_num(self.value[self.use])):
             problems.append(Problem("every displacement is zero; nothing was measured", str(table.path)))
         problems += _unloaded_problems(table, self.wrench, self.use) if not problems else []
@@ -678,7 +689,13 @@ def _unloaded_problems(table: Table, wrench: Array, use: npt.NDArray[np.bool_]) 
     """Rows in use that have no load: a displacement from nothing."""
     hint = "Give the row its load, or mask it with use = 0."
     return [
-        at(table, int(i), "fx", "no force and no moment: a displacement under no load tells nothing", hint=hint)
+        at(
+            table,
+            int(i),
+            "fx",
+            "no force and no moment: a displacement under no load carries no information",
+            hint=hint,
+        )
         for i in np.flatnonzero(use & ~np.any(wrench, axis=1))[:MOST_PROBLEMS]
     ]
 
@@ -802,7 +819,19 @@ def _conditions(table: Table, suffix: str, rows: Indices) -> Conditions:
 
 
 def write_readings(path: str | Path, readings: Readings, experiment: Experiment) -> None:
-    """Write a file that `read_readings` reads back to the digits that matter (1e-9 relative)."""
+    """Write a file that `read_readings` reads back to the digits that matter (1e-9 relative).
+
+    Args:
+        path: the file.
+        readings: the readings.
+        experiment: their campaign.
+
+    Returns:
+        Nothing.
+
+    Raises:
+        InputError: where it cannot be written.
+    """
     write_table(path, *readings_table(readings, experiment), [f"robot: {experiment.robot.name}"])
 
 

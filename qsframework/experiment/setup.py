@@ -36,6 +36,7 @@ from qsframework.robot.kinematics import FLOOR
 from qsframework.robot.packages import inside
 from qsframework.robot.robot import LinkFrame
 from qsframework.robot.spec import read_effects, read_nominal
+from qsframework.viewed import Viewed
 
 GEOMETRY = "geometry"
 """In `fit`: the zeros and placements of all joints; their effects need not be listed."""
@@ -122,8 +123,8 @@ class LoadCase:
         return not np.any(self.wrench)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Experiment:
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Experiment(Viewed):
     """A campaign: everything that a design, a simulation or a fit needs besides readings."""
 
     path: Path
@@ -275,10 +276,18 @@ def _effect_to_add(entry: str, model: Model) -> str | None:
 
 
 def load_experiment(path: str | Path, *, trust: bool | None = None) -> Experiment:
-    """Read an experiment.yaml. InputError with all its problems, each with file and line.
+    """Read an experiment.yaml.
 
-    trust: whether effects that it or its robot names by `file:` may run their code; None: as the command was told,
-    by default not
+    Args:
+        path: the file.
+        trust: whether effects that it or its robot names by `file:` may run their code; None: as the command was given,
+            by default not.
+
+    Returns:
+        The campaign: robot, loads, markers, noise and the parameters to estimate.
+
+    Raises:
+        InputError: with all its problems, each with file and line.
     """
     path = Path(path)
     document = read_yaml(path)

@@ -18,12 +18,13 @@ from qsframework.experiment.stations import seen_markers, station_of
 from qsframework.plugin import Array, Conditions, Indices, Poses
 from qsframework.plugin.facts import frozen
 from qsframework.robot.sight import Flags
+from qsframework.viewed import Viewed
 
 TRUTHS = ("nominal", "drawn")
 
 
-@dataclass(frozen=True, eq=False)
-class Simulation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Simulation(Viewed):
     """Simulated readings and the parameters x (p,) that made them."""
 
     readings: Readings
@@ -44,9 +45,22 @@ def simulate(
 ) -> Simulation:
     """Measure a plan in simulation, with independent Gaussian noise on every coordinate.
 
-    The arm settles in its full equilibrium, as a real one does; linear: by the first step, at the undeflected pose.
-    Readings without any noise (sigma 0) state none: a fit then estimates what rounding leaves.
-    x (p,) are the true parameters; without them the nominal values, or values drawn from the priors.
+    The arm settles in its full equilibrium, as a real one does. Readings without any noise (sigma 0) state none: a fit
+    then estimates what rounding leaves.
+
+    Args:
+        experiment: the campaign.
+        plan: its plan.
+        x: (p,) the true parameters, SI; as `truth` says if None.
+        truth: "nominal" values, or "drawn" by the stated sds or typical sizes.
+        seed: random seed.
+        linear: by the first step, at the undeflected pose.
+
+    Returns:
+        The readings, m, and the parameters that made them.
+
+    Raises:
+        InputError: where the noise is not stated, or the arm does not carry a load.
     """
     model = experiment.model()
     rng = np.random.default_rng(seed)

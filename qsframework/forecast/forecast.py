@@ -24,10 +24,10 @@ class Why(Enum):
 
     NO_READING = "no reading of this plan depends on it"
     LITTLE_LOAD = "no reading loads it enough"
-    ABSORBED = "absorbed by the fitted parameters"
+    ABSORBED = "confounded with the fitted parameters"
     SMALL = "only far above its typical size is it detected"
     ALIASES = "does the same to these readings as others"
-    RIVAL = "only far above its typical size is it told from its nearest rival"
+    RIVAL = "only far above its typical size is it separated from its nearest alternative"
 
 
 @dataclass(frozen=True)

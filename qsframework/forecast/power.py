@@ -4,7 +4,7 @@ Detection is the library's own test: the largest of all scores against its distr
 noncentral chi-square under a cause of visible size s. A cause is named where it is detected and no other one explains
 its trace as well: with k1 and k2 directions at an angle phi, the other one wins in about
 Phi(-(s sin(phi/2) - D / (4 s sin(phi/2)))), D = (k1 - k2) (log m - 1) for the price of a direction in the BIC of m
-readings. All rivals add up, which is on the safe side.
+readings. All alternatives add up, which is on the safe side.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from qsframework.experiment import Experiment, Plan
 from qsframework.forecast.effect_size import Bench
 from qsframework.forecast.forecast import DetectableSize, Foresight, Outlook, Pair, PowerCurve, Prospect, Why
 from qsframework.forecast.unknown import unknown_outlook
-from qsframework.information import loss_words, promised_sd
+from qsframework.information import loss_words, predicted_sd
 from qsframework.plugin import Array, Indices, Poses
 from qsframework.work import HERE, Work, run
 
@@ -73,13 +73,27 @@ def forecast(
     progress: Progress | None = None,
     work: Work = HERE,
 ) -> Foresight:
-    """What a plan (or poses with their wrenches) would detect and name.
+    """Predict which causes a plan would detect and identify.
 
-    level: family-wise chance of an alarm; power: rate of detection, share: rate of right names that are asked for;
-    sigma: noise of one coordinate, m, that of the experiment if None; exact: sizes are those at which the full
-    equilibrium shows as much, else those of the linear model, as where positions are planned;
-    work: where, cause by cause.
-    InputError where the noise is not known; NotIdentifiable where the plan does not even tell the fitted parameters.
+    Args:
+        experiment: the campaign.
+        plan: a plan, or poses with their wrenches.
+        level: false-alarm probability over all causes.
+        power: required rate of detection.
+        share: required rate of right names.
+        sigma: noise of one coordinate, m; that of the experiment if None.
+        seed: random seed.
+        exact: sizes at which the full equilibrium shows as much; else those of the linear model, as where positions are
+            planned.
+        progress: called with each step, how much is done and of how much.
+        work: where it is computed, cause by cause.
+
+    Returns:
+        For each cause the smallest size, SI, that is detected and that is named.
+
+    Raises:
+        InputError: where the noise is not known.
+        NotIdentifiable: where the plan does not identify the fitted parameters.
     """
     tell: Progress = progress or (lambda step, done, total: None)
     poses = plan.repeated() if isinstance(plan, Plan) else plan
@@ -89,14 +103,16 @@ def forecast(
         raise InputError(f"{experiment.path}: a forecast needs the noise, for example noise: {{sigma_mm: 0.03}}")
     fitted = experiment.fit_names()
     if isinstance(plan, Plan) and stands:  # what a frame that nobody knows leaves to the geometry is held
-        sds = promised_sd(experiment, plan)
+        sds = predicted_sd(experiment, plan)
         fitted = tuple(name for name, sd in zip(fitted, sds, strict=True) if np.isfinite(sd))
     tell("causes", 0, 2)
     causes, untested = find_causes(experiment, fitted, poses)
     case = plan_case(experiment, plan if stands else poses, fitted, causes, noise)
     rank = rank_test(case.A, [*(p.name for f in case.frames for p in f.parameters()), *fitted])
     if not rank.full:
-        raise NotIdentifiable(f"the plan does not tell the fitted parameters: {loss_words(case.model, rank, poses)}")
+        raise NotIdentifiable(
+            f"the plan does not identify the fitted parameters: {loss_words(case.model, rank, poses)}"
+        )
     subspaces = case.subspaces()
     tell("causes", 1, 2)
     angles = angle_matrix(subspaces)
@@ -242,11 +258,11 @@ def _size(
         return DetectableSize(parameter, s, np.inf, np.inf)
     surely, perhaps = _reached(test, i, test.G[:, mine] @ (along / s))
     detect = float((test.needed / np.maximum(surely, 1e-12)).min())
-    rivals = [c[0] for c in test.heads if c[0] not in own]
+    alternatives = [c[0] for c in test.heads if c[0] not in own]
 
     def missed(size: float) -> float:
         rate = _detected(test, surely, size)
-        wrong = mistaken_by(size, perhaps[rivals], test.dof[i] - test.dof[rivals], test.readings)
+        wrong = mistaken_by(size, perhaps[alternatives], test.dof[i] - test.dof[alternatives], test.readings)
         return 1.0 - rate + float(wrong.sum())
 
     name = _smallest(lambda size: missed(size) <= 1.0 - share)

@@ -22,7 +22,7 @@ _FAR = 5.0
 _LIMIT = 1.96
 _HELD = 1.05
 """Ratio of the sd of the readings alone to the quoted one from which a weak hold is worth a word."""
-_UNTOLD = 10.0
+_UNIDENTIFIABLE = 10.0
 """Natural sizes above which the sd of the readings alone makes a held parameter one that they do not tell."""
 
 
@@ -79,7 +79,7 @@ def estimate_of(p: Parameter, value: float, sd: float, free: float, alone: float
     where something holds it."""
     alone = sd if alone is None else alone
     state, limit = _state(p, value, sd, free)
-    if sd > 0.0 and alone > max(_HELD * sd, _UNTOLD * p.typical):
+    if sd > 0.0 and alone > max(_HELD * sd, _UNIDENTIFIABLE * p.typical):
         state, limit = EstimateState.NOT_IDENTIFIABLE, None
     return Estimate(
         name=p.name,

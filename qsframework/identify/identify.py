@@ -25,7 +25,7 @@ from qsframework.estimation import (
     shared_error,
 )
 from qsframework.estimation.noise import SharedError
-from qsframework.experiment import Experiment, Frame, ObservationModel, Readings, bridge, make_rows
+from qsframework.experiment import Experiment, Frame, ObservationModel, Readings, make_rows, observation_model
 from qsframework.experiment.account import account_of
 from qsframework.experiment.observations import ReadingRows, start_values, values_before
 from qsframework.experiment.setup import GEOMETRY, expand_name
@@ -36,7 +36,7 @@ from qsframework.identify.held import held_at_nominal
 from qsframework.identify.load_error import load_columns, load_sds
 from qsframework.identify.pose_spread import check_pose_spread
 from qsframework.identify.record import Masked
-from qsframework.identify.selection import LeftAside, held_of, kinds_of, told_names
+from qsframework.identify.selection import NotEstimated, held_of, identifiable_names, kinds_of
 from qsframework.identify.two_step import two_step
 from qsframework.information import what_would_help
 from qsframework.information.identifiable import in_order
@@ -62,14 +62,24 @@ _FELL = 0.9
 def identify(
     experiment: Experiment, readings: Readings, fit: Sequence[str] | None = None, options: FitOptions = PLAIN
 ) -> Fit:
-    """Estimate the experiment's parameters, and the frames that nobody knows, from readings.
+    """Estimate the experiment's parameters, and frames of unknown place, from readings.
 
-    `fit` names other parameters to estimate: effects, instances or single parameters. What the readings cannot tell is
-    left aside by name, with what absorbs it. Where the experiment says `rigid: true`, springs that are not estimated
-    count as rigid.
+    Parameters that the readings do not identify are held at nominal and listed with those they are correlated with.
+    Where the experiment says `rigid: true`, springs that are not estimated count as rigid.
 
-    Raises InputError where there are fewer readings than parameters; NotIdentifiable, naming the parameters, where the
-    readings tell none of them, or are all of one pose; NotConverged with its reason.
+    Args:
+        experiment: the campaign.
+        readings: its readings.
+        fit: other parameters to estimate: effects, instances or single parameters.
+        options: method, bounds, loss and the like.
+
+    Returns:
+        p estimates, SI, with their covariance (p, p) and the held-out error, m.
+
+    Raises:
+        InputError: where there are fewer readings than parameters.
+        NotIdentifiable: names the parameters, where the readings identify none of them or are all of one pose.
+        NotConverged: with its reason.
     """
     experiment = experiment if fit is None else experiment.with_(fit=tuple(fit))
     model, rows = experiment.model(), make_rows(readings)
@@ -78,8 +88,8 @@ def identify(
     said, wrong = _gross(experiment, readings, rows, options)
     if GEOMETRY in (experiment.fit or ()) and not rows.estimated and not readings.is_position[rows.keep].any():
         raise InputError(
-            f"fit: {GEOMETRY} is told by absolute positions (x_mm, y_mm, z_mm); these readings are displacements, "
-            "which hardly depend on it. Name what they tell, such as compliances, or give positions"
+            f"fit: {GEOMETRY} needs absolute positions (x_mm, y_mm, z_mm); these readings are displacements, "
+            "which hardly depend on it. Name what they identify, such as compliances, or give positions"
         )
     method = two_step if options.method == "two-step" else _one_step
     used = rows if wrong is None else make_rows(readings.masked(wrong))
@@ -165,10 +175,10 @@ def _one_step(experiment: Experiment, rows: ReadingRows, names: Sequence[str], o
     free = [n for n in names if n not in options.fixed]
     if not free:
         raise InputError("every parameter is fixed: nothing is left to estimate")
-    first = bridge(experiment, readings, free, linear=options.linear, x=x0, rows=rows)
-    told, left, unit = told_names(first, options)
+    first = observation_model(experiment, readings, free, linear=options.linear, x=x0, rows=rows)
+    told, left, unit = identifiable_names(first, options)
     if not told:
-        raise _none_told(experiment, first, left, names)
+        raise _none_identifiable(experiment, first, left, names)
     count = _count(first, told, options)
     if len(rows.at) <= count:
         raise InputError(
@@ -183,7 +193,7 @@ def _one_step(experiment: Experiment, rows: ReadingRows, names: Sequence[str], o
     for _ in range(0 if np.all(rows.minus >= 0) else _DECISIONS):  # what differences tell, they tell anywhere
         solution = found.solution.x
         there = replace(first, x=found.seen.values(solution), frames=found.seen.moved(solution))
-        again, left, unit = told_names(there, options)
+        again, left, unit = identifiable_names(there, options)
         if set(again) == set(told):
             return replace(found, left=left)
         if len(rows.at) <= _count(first, again, options):
@@ -243,8 +253,8 @@ def _settled(seen: ObservationModel, options: FitOptions, unit: float, start: Ar
     return solution, observations
 
 
-def _none_told(
-    experiment: Experiment, seen: ObservationModel, left: Sequence[LeftAside], names: Sequence[str]
+def _none_identifiable(
+    experiment: Experiment, seen: ObservationModel, left: Sequence[NotEstimated], names: Sequence[str]
 ) -> NotIdentifiable | InputError:
     """Why nothing can be estimated at all."""
     poses = seen.rows.readings.poses.take(seen.rows.plus)
@@ -253,11 +263,11 @@ def _none_told(
     if GEOMETRY in (experiment.fit or ()):
         wanted = expand_name(GEOMETRY, seen.model)
         return InputError(
-            f"fit: {GEOMETRY}: these readings tell none of its {len(wanted)} numbers ({said}{more}); measure poses "
+            f"fit: {GEOMETRY}: these readings identify none of its {len(wanted)} numbers ({said}{more}); measure poses "
             f"that move every joint, or leave {GEOMETRY} out"
         )
     advice = what_would_help(seen.model, names[0], poses)
-    return NotIdentifiable(f"these readings cannot tell any of the parameters: {said}{more}. {names[0]}: {advice}")
+    return NotIdentifiable(f"these readings identify none of the parameters: {said}{more}. {names[0]}: {advice}")
 
 
 def _finished(
@@ -280,7 +290,7 @@ def _finished(
         G = propagated(found.solution, columns)
         result = replace(result, total_covariance=result.covariance + G @ G.T)
     free = [e.name for e in result.estimates if e.sd != 0.0]
-    aside = [e.name for e in result.left_aside]
+    aside = [e.name for e in result.not_estimated]
     return replace(result, held=held_at_nominal(_at(found), result.x, found.solution, free, aside))
 
 
@@ -296,8 +306,8 @@ def _visit_error(found: Found) -> SharedError:
     told = label >= 0
     if len(np.unique(label[told])) == told.sum():
         raise InputError(
-            "an error shared by the markers of a pose cannot be told from their own: every measurement has one marker "
-            "only. Leave it out, or measure more markers"
+            "an error shared by the markers of a pose cannot be separated from their own: every measurement has one "
+            "marker only. Leave it out, or measure more markers"
         )
     o = found.seen.observations()
     residuals = o.measured - o.predict(found.solution.x)
@@ -359,7 +369,7 @@ def _fit_of(experiment: Experiment, found: Found, options: FitOptions) -> Fit:
         chi2=fit.chi2 / unit**2,
         dof=fit.dof,
         frames=frames,
-        left_aside=left,
+        not_estimated=left,
         alignments=readings.alignments,
         made=readings.made,
         notes=notes,
@@ -367,13 +377,13 @@ def _fit_of(experiment: Experiment, found: Found, options: FitOptions) -> Fit:
 
 
 def _advice(
-    rows: ReadingRows, model: Model, left: Sequence[LeftAside], estimates: Sequence[Estimate]
+    rows: ReadingRows, model: Model, left: Sequence[NotEstimated], estimates: Sequence[Estimate]
 ) -> tuple[str, ...]:
     """What would help to tell the parameters that these readings do not tell, or tell badly."""
     readings = rows.readings
     poses = readings.poses.take(rows.plus)
     placed = kinds_of(model, Geometry) if readings.is_position[rows.keep].any() else set[str]()
-    silent = [e.name for e in left if np.isinf(e.sd) and not e.absorbed_by and e.name not in placed]
+    silent = [e.name for e in left if np.isinf(e.sd) and not e.correlated_with and e.name not in placed]
     badly = [e for e in estimates if e.state is EstimateState.NOT_IDENTIFIABLE and e.name in {*model.names} - placed]
     return (
         *(f"{name}: {what_would_help(model, name, poses)}" for name in silent),

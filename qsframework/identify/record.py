@@ -35,7 +35,7 @@ from qsframework.files.plain import is_list
 from qsframework.identify.columns import values_of
 from qsframework.identify.estimate import Estimate
 from qsframework.identify.held import Held
-from qsframework.identify.selection import LeftAside
+from qsframework.identify.selection import NotEstimated
 from qsframework.plausible import allowed, beyond
 from qsframework.plugin import Array
 from qsframework.plugin.registry import replaced
@@ -67,7 +67,7 @@ class FitRecord(FileRecord):
     held_out_error (m): 3D RMS at held-out poses, masked rows among them; held_out_nominal: of the nominal arm, in
     frames that suit it best; held_out_largest: the largest distance; NaN where no pose can be left out
     carriers: poses that alone carry a parameter, which cannot be left out
-    frames: the base in the frames that were estimated; left_aside: what was asked for and not estimated; held: what an
+    frames: the base in the frames that were estimated; not_estimated: what was requested and is not; held: what an
     error of nominal values does to the estimates, of what was asked for or has a stated sd
     cleaned: what was masked before the fit because it cannot be right, None where nobody looked; gross: rows that the
     fit itself masked, and what else it says of rows
@@ -93,7 +93,7 @@ class FitRecord(FileRecord):
     held_out_largest: Annotated[float, Unit("m"), null(math.nan)] = math.nan
     carriers: tuple[str, ...] = ()
     frames: Annotated[tuple[Frame, ...], Named("series")] = ()
-    left_aside: Annotated[tuple[LeftAside, ...], Named("name")] = ()
+    not_estimated: Annotated[tuple[NotEstimated, ...], Named("name")] = ()
     held: Annotated[tuple[Held, ...], Named("name")] = ()
     intervals: Annotated[tuple[Interval, ...], Named("name")] = ()
     cleaned: tuple[Masked, ...] | None = None
@@ -171,7 +171,7 @@ class FitRecord(FileRecord):
 
     @property
     def widening(self) -> float:
-        """What the variances that the fit promises are multiplied by: chi-square per degree of freedom where the
+        """What the variances that the fit predicts are multiplied by: chi-square per degree of freedom where the
         residuals do not fit their stated noise, else 1."""
         return self.chi2 / self.dof if self.agrees is False else 1.0
 
@@ -215,12 +215,33 @@ class FitRecord(FileRecord):
 
 
 def write_fit(fit: FitRecord, path: str | Path) -> Path:
-    """Write fit.json, all or nothing."""
+    """Write fit.json, all or nothing.
+
+    Args:
+        fit: the fit.
+        path: the file.
+
+    Returns:
+        The path.
+
+    Raises:
+        InputError: where it cannot be written.
+    """
     return write_text(path, json.dumps(fit.as_json(), indent=2, sort_keys=True, allow_nan=False) + "\n")
 
 
 def read_fit(path: str | Path) -> FitRecord:
-    """Read a fit.json. InputError with all its problems, each with its line."""
+    """Read a fit.json.
+
+    Args:
+        path: the file.
+
+    Returns:
+        The fit as it was, SI.
+
+    Raises:
+        InputError: with all its problems, each with its line.
+    """
     document = read_yaml(path)
     check_format(document)
     found = validate(document, FitRecord)

@@ -9,16 +9,16 @@ import numpy as np
 from qsframework.elastostatics import Model
 from qsframework.estimation import PLAIN, FitOptions, Observations, scales
 from qsframework.experiment import ObservationModel
-from qsframework.information.identifiable import LeftAside, choose, kinds_of, limits_of
+from qsframework.information.identifiable import NotEstimated, choose, kinds_of, limits_of
 from qsframework.plugin import Array, Geometry, ParallelSpring, Parameter, Sensor
 
 _LOOSE, _BROAD = 5.0, 20.0
 """Natural sizes by which parameters of the geometry, and those of markers, are held to their nominal values."""
 
 
-def told_names(
+def identifiable_names(
     seen: ObservationModel, options: FitOptions = PLAIN, *, weakly: bool = False
-) -> tuple[list[str], tuple[LeftAside, ...], float]:
+) -> tuple[list[str], tuple[NotEstimated, ...], float]:
     """The names that the readings, with the priors, can tell; what is left aside; the nominal arm's error in sds.
 
     weakly: also what they tell to no use, but might be seen to be wrong by

@@ -1,7 +1,7 @@
 """Whether a stored fit may be used: does it explain the readings that it names, under this robot and experiment?
 
 One question with one answer for everything that uses a fit. Lack of fit alone refuses nothing: it widens what the fit
-promises (`FitRecord.widening`).
+predicts (`FitRecord.widening`).
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ from qsframework.elastostatics.so3 import left_jacobian
 from qsframework.errors import InputError, NotConverged
 from qsframework.estimation import FitOptions, Observations, solve
 from qsframework.estimation.solver import solution_at
-from qsframework.experiment import Experiment, Frame, ObservationModel, ReadingRows, bridge
+from qsframework.experiment import Experiment, Frame, ObservationModel, ReadingRows, observation_model
 from qsframework.experiment.frames import motion_count, spans
 from qsframework.experiment.observations import start_values
 from qsframework.identify.fit import Found
@@ -138,7 +138,7 @@ def two_step(
             "angles of this joint, or fit less"
         )
     x0 = start_values(experiment, names)
-    seen = bridge(experiment, rows.readings, names, linear=options.linear, x=x0, rows=rows)
+    seen = observation_model(experiment, rows.readings, names, linear=options.linear, x=x0, rows=rows)
     first = _StepOne(seen, balanced, angles[used], np.searchsorted(used, group[rows.plus]))
     z, covariance = first.run(weighted)
     solution = solution_at(seen.observations(), z, covariance)
@@ -280,8 +280,8 @@ def _to_model(found: Array) -> tuple[Array, Array]:
     K2, Kc = found[:2]
     if K2 <= 0.0 or Kc <= 0.0:
         raise NotConverged(
-            f"step two finds K2 = {K2:.3g} N m/rad and Kc = {Kc:.3g} N/m: not positive, so these readings do not tell "
-            "the balancer. Use one-step within bounds"
+            f"step two finds K2 = {K2:.3g} N m/rad and Kc = {Kc:.3g} N/m: not positive, so these readings do not "
+            "identify the balancer. Use one-step within bounds"
         )
     slope = np.diag([-1.0 / K2**2, 1.0, *([1.0 / Kc] if len(found) == 3 else [])])
     if len(found) == 2:

@@ -106,7 +106,18 @@ def validate(experiment: Experiment, readings: Readings, fit: FitRecord) -> Vali
     """Errors of a stored fit at other readings, in the frames that it found.
 
     A series that the fit does not know is laid on its predictions by a rigid motion first, and the error is what this
-    leaves. InputError where the fit is of another robot or model.
+    leaves.
+
+    Args:
+        experiment: the campaign.
+        readings: R held-out readings.
+        fit: the identified values.
+
+    Returns:
+        Errors (R, 3) m, before and after, by series.
+
+    Raises:
+        InputError: where the fit is of another robot or model.
     """
     check_robot(fit, experiment.robot)
     model, rows = experiment.model(), make_rows(readings)

@@ -5,7 +5,7 @@ from .certificate import (
     efficiency_bound as efficiency_bound,
     everything as everything,
 )
-from .promise import Promise as Promise, promises as promises
+from .promise import PredictedUncertainty as PredictedUncertainty, predicted_uncertainties as predicted_uncertainties
 from .rows import (
     CandidateRows as CandidateRows,
     HeldRows as HeldRows,
@@ -18,7 +18,7 @@ from .rows import (
 from .sensitivities import (
     information as information,
     information_rows as information_rows,
+    predicted_beyond as predicted_beyond,
     predicted_sd as predicted_sd,
-    promised_beyond as promised_beyond,
-    promised_sd as promised_sd,
+    sd_of_poses as sd_of_poses,
 )

@@ -24,25 +24,25 @@ _TOLD = 10.0
 
 
 @dataclass(frozen=True)
-class LeftAside(FileRecord):
+class NotEstimated(FileRecord):
     """A parameter that is not estimated; `sd` in its natural sizes if it were, inf where it makes no difference."""
 
     name: str
-    absorbed_by: tuple[str, ...]
+    correlated_with: tuple[str, ...]
     sd: Annotated[float, null(math.inf)]
 
     def words(self) -> str:
         """Why, in one sentence."""
-        if not self.absorbed_by and np.isinf(self.sd):
+        if not self.correlated_with and np.isinf(self.sd):
             return f"{self.name}: no reading depends on it"
-        others = ", ".join(self.absorbed_by)
+        others = ", ".join(self.correlated_with)
         if np.isinf(self.sd):
-            return f"{self.name}: absorbed by {others}"
-        told = f"{self.name}: told only to {self.sd:.2g} times its natural size"
-        return f"{told}; it looks like {others}" if others else told
+            return f"{self.name}: confounded with {others}"
+        told = f"{self.name}: identifiable only to {self.sd:.2g} times its typical size"
+        return f"{told}; correlated with {others}" if others else told
 
 
-def choose(rows: Array, names: Sequence[str], limits: Array) -> tuple[list[int], tuple[LeftAside, ...]]:
+def choose(rows: Array, names: Sequence[str], limits: Array) -> tuple[list[int], tuple[NotEstimated, ...]]:
     """Take columns of rows (m, p), whitened and scaled by natural sizes, in their order.
 
     A column is left aside where those taken before leave less than REDUNDANT of it, or where its
@@ -52,7 +52,7 @@ def choose(rows: Array, names: Sequence[str], limits: Array) -> tuple[list[int],
     R: Array = np.asarray(np.linalg.qr(rows, mode="r")) if len(rows) > rows.shape[1] else rows
     basis = np.zeros((len(R), 0))
     taken: list[int] = []
-    left: list[LeftAside] = []
+    left: list[NotEstimated] = []
     largest = float(np.linalg.norm(R, axis=0).max(initial=0.0))
     for c in range(R.shape[1]):
         column, size = R[:, c], float(np.linalg.norm(R[:, c]))
@@ -66,7 +66,7 @@ def choose(rows: Array, names: Sequence[str], limits: Array) -> tuple[list[int],
             continue
         sd = np.inf if redundant or new < _NOTHING else 1.0 / new
         seen = size > max(_NOTHING, 1e-12 * largest)
-        left.append(LeftAside(names[c], _absorbers(R, taken, column, names) if seen else (), sd))
+        left.append(NotEstimated(names[c], _absorbers(R, taken, column, names) if seen else (), sd))
     return taken, tuple(left)
 
 

@@ -9,12 +9,12 @@ import numpy as np
 
 from qsframework.experiment import Experiment, Plan
 from qsframework.information.advice import what_would_help
-from qsframework.information.sensitivities import promised_sd
+from qsframework.information.sensitivities import predicted_sd
 
 
 @dataclass(frozen=True)
-class Promise:
-    """One fitted parameter, SI: the sd that a plan promises, inf where the plan cannot tell it.
+class PredictedUncertainty:
+    """One fitted parameter, SI: the sd that a plan predicts, inf where the plan cannot tell it.
 
     help: what to measure, "" where the sd is below the parameter's own size
     """
@@ -31,13 +31,13 @@ class Promise:
         return {"name": self.name, "unit": self.unit, "nominal": self.nominal, "sd": sd, "help": self.help}
 
 
-def promises(experiment: Experiment, plan: Plan) -> tuple[Promise, ...]:
+def predicted_uncertainties(experiment: Experiment, plan: Plan) -> tuple[PredictedUncertainty, ...]:
     """What the plan tells of each parameter that is to be fitted. InputError where the noise is not stated."""
     model, names = experiment.model(), experiment.fit_names()
-    out: list[Promise] = []
-    for i, sd in zip(model.index(names), promised_sd(experiment, plan, names), strict=True):
+    out: list[PredictedUncertainty] = []
+    for i, sd in zip(model.index(names), predicted_sd(experiment, plan, names), strict=True):
         p = model.parameters[i]
         size = abs(p.nominal) or p.typical
         advice = what_would_help(model, p.name, plan.poses) if sd > size else ""
-        out.append(Promise(p.name, p.unit, p.nominal, float(sd), advice))
+        out.append(PredictedUncertainty(p.name, p.unit, p.nominal, float(sd), advice))
     return tuple(out)

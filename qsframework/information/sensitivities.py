@@ -42,7 +42,7 @@ def information(rows: Array) -> Array:
     return rows.transpose(0, 2, 1) @ rows
 
 
-def predicted_sd(model: Model, poses: Poses, names: Sequence[str], sigma: float, repeats: Array | None = None) -> Array:
+def sd_of_poses(model: Model, poses: Poses, names: Sequence[str], sigma: float, repeats: Array | None = None) -> Array:
     """Standard deviation (p,) that poses promise for each parameter; inf where they cannot tell it."""
     rows = information_rows(model, poses, names, sigma)
     if repeats is not None:
@@ -99,22 +99,24 @@ def sd_of_taken(model: Model, columns: Array, names: Sequence[str]) -> Array:
     return out * scales([model.parameters[i] for i in model.index(names)])
 
 
-def promised_beyond(experiment: Experiment, plan: Plan) -> dict[str, float]:
+def predicted_beyond(experiment: Experiment, plan: Plan) -> dict[str, float]:
     """For each parameter of the model that is not fitted: the sd, SI, were it fitted too; inf if it cannot be told."""
     fitted, model = experiment.fit_names(), experiment.model()
     out: dict[str, float] = {}
     for parameter in model.parameters:
         if parameter.name not in fitted:
-            out[parameter.name] = float(promised_sd(experiment, plan, (*fitted, parameter.name))[-1])
+            out[parameter.name] = float(predicted_sd(experiment, plan, (*fitted, parameter.name))[-1])
     return out
 
 
-def promised_sd(experiment: Experiment, plan: Plan, names: Sequence[str] | None = None) -> Array:
-    """Standard deviation (p,) that a plan promises for the experiment's parameters, SI."""
+def predicted_sd(experiment: Experiment, plan: Plan, names: Sequence[str] | None = None) -> Array:
+    """Standard deviation (p,) that a plan predicts for the experiment's parameters, SI."""
     names = experiment.fit_names() if names is None else names
     if plan.of_positions.any() or plan.station:
         return sd_of_taken(experiment.model(), plan_columns(experiment, plan, names), names)
     sigma = experiment.noise.sigma
     if sigma is None:
-        raise InputError(f"{experiment.path}: a promise needs the noise, for example noise: {{sigma_mm: 0.03}}")
-    return predicted_sd(experiment.model(), plan.poses, names, sigma, np.array(plan.repeats))
+        raise InputError(
+            f"{experiment.path}: a predicted uncertainty needs the noise, for example noise: {{sigma_mm: 0.03}}"
+        )
+    return sd_of_poses(experiment.model(), plan.poses, names, sigma, np.array(plan.repeats))

@@ -133,9 +133,18 @@ class Trial:
 
 
 def check_effect(effect: Effect, robot: RobotFacts | None = None, seed: int = 0) -> tuple[str, ...]:
-    """Check names, units, shapes, derivatives (finite differences), vanishing at the null value and purity.
+    """Check an effect: names, units, shapes, derivatives by finite differences, no effect at its null value, purity.
 
-    Returns the names of the checks that held. Raises PluginError that lists all that did not.
+    Args:
+        effect: the effect to check.
+        robot: facts of the arm on which it is tried; a small one of its own if None.
+        seed: random seed of the values that are tried.
+
+    Returns:
+        The names of the checks that held.
+
+    Raises:
+        PluginError: lists all checks that did not hold.
     """
     robot = with_branches(robot or sample_robot(), [effect])
     rng = np.random.default_rng(seed)

@@ -70,10 +70,10 @@ def sd_tables(result: Comparison) -> tuple[ReportTable, ...]:
         for p, sd in zip(r.parameters, r.sds, strict=True):
             value, unit = shown(p.nominal, p.unit)
             share = f" ({100 * sd / abs(p.nominal):.1f} %)" if p.nominal and np.isfinite(sd) else ""
-            told = f"{shown(float(sd), p.unit)[0]:.3g}{share}" if np.isfinite(sd) else "not told"
+            told = f"{shown(float(sd), p.unit)[0]:.3g}{share}" if np.isfinite(sd) else "not identifiable"
             rows.append((p.name, f"{value:.4g}", told, unit))
         caption = f"{r.robot.title}: {r.campaign}. Look for parameters whose sd is a large share of their value."
-        out.append(ReportTable((r.robot.name, "nominal", "promised sd", "unit"), tuple(rows), caption))
+        out.append(ReportTable((r.robot.name, "nominal", "predicted sd", "unit"), tuple(rows), caption))
     return tuple(out)
 
 
@@ -181,7 +181,7 @@ def map_table(result: Comparison, values: list[Array], unit: str) -> ReportTable
 
 def path_figure(result: Comparison) -> Plot:
     """Deflection along the path, uncorrected and after compensation."""
-    figure = blank("Along the path", "point of the path", "distance from the wanted place, mm", 420)
+    figure = blank("Along the path", "point of the path", "position error, mm", 420)
     points = list(range(1, len(result.task.points) + 1))
     for k, r in enumerate(result.robots):
         for values, dash, name in ((r.task, "solid", r.robot.name), (r.after, "dash", f"{r.robot.name}, compensated")):

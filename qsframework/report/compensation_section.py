@@ -37,7 +37,7 @@ def target_table(result: Compensation) -> ReportTable:
     return ReportTable(
         (*header, *result.units.labels("dJ")),
         rows,
-        "Distance of the load point from its wanted place without the correction; the root mean square of the distance "
+        "Position error of the load point without the correction; the root mean square of the distance "
         "that is to be expected with it, from the covariance of the fit and the stated uncertainties of the load and "
         "of what was held at nominal; and what was added to each joint.",
     )
@@ -72,8 +72,8 @@ def compensation_section(result: Compensation) -> Section:
     )
     worst = result.worst
     text = (
-        "Each target was moved so that the loaded arm, by the full equilibrium of the identified model, stands where "
-        "it is wanted. What then remains is the error of the identified parameters, S cov S' with S the derivative of "
+        "Each target was corrected so that the loaded arm, by the full equilibrium of the identified model, reaches "
+        "it. What then remains is the error of the identified parameters, S cov S' with S the derivative of "
         f"the tip at the corrected angles. It is largest at target {names[worst]}: {result.sd[worst] * 1e3:.4f} mm. "
         f"{_of_noise(result)}Effects that the model does not hold, and the robot's repeatability, come on top."
     )

@@ -150,7 +150,7 @@ class DayPage:
             self._add(f"{name}: {NOTHING_NEW}", True)
 
     def _floor(self, asked: Mapping[str, Any]) -> None:
-        count = max(self._day.record.protocol.wish.reflectors, 1)
+        count = max(self._day.record.protocol.options.reflectors, 1)
         names = tuple(f"floor_{k + 1}" for k in range(count))
         positions = read_positions(str(asked["text"]), names)
         self._day, judged = enter_floor(self._day, positions, self._slot(asked))
@@ -212,7 +212,7 @@ class DayPage:
                 ],
                 "said": self._said[::-1],
                 "spoilt": spoilt_words(day),
-                "reflectors": record.protocol.wish.reflectors,
+                "reflectors": record.protocol.options.reflectors,
                 "so_far": None if self._found is None else _so_far(self._found),
                 "diagnosis": self._diagnosis,
                 "ended": self._ended,
@@ -315,11 +315,11 @@ def _so_far(found: SoFar) -> dict[str, Any]:
     rows: list[list[Any]] = []
     for t in found.told:
         value, unit = shown(t.value, t.unit)
-        sds = [f"{shown(sd, t.unit)[0]:.2g}" for sd in (t.sd, t.promised)]
+        sds = [f"{shown(sd, t.unit)[0]:.2g}" for sd in (t.sd, t.predicted)]
         rows.append([t.name, f"{value:.4g}", *sds, unit, t.enough])
-    promised = [t.promised for t in found.told]
+    predicted = [t.predicted for t in found.told]
     curves = [
-        [visits, [sd / p if 0.0 < sd / p < float("inf") else None for sd, p in zip(sds, promised, strict=True)]]
+        [visits, [sd / p if 0.0 < sd / p < float("inf") else None for sd, p in zip(sds, predicted, strict=True)]]
         for visits, sds in found.history
     ]
     return {"words": so_far_words(found), "rows": rows, "enough": found.enough, "curves": curves}

@@ -13,7 +13,7 @@ import numpy as np
 from qsframework.diagnose.diagnose import LEVEL
 from qsframework.diagnose.error_budget import error_budget
 from qsframework.diagnose.learn import curve, dots
-from qsframework.diagnose.result import Diagnosis, Taught
+from qsframework.diagnose.result import Diagnosis, LearnedLaw
 from qsframework.diagnose.selection.family_test import FamilyBlock, chance
 from qsframework.diagnose.selection.principal_angles import alias_classes, angle_matrix
 from qsframework.experiment import make_rows
@@ -30,23 +30,23 @@ _MOST = 80
 """Causes in the heat map, most visible first."""
 
 
-def learned_figure(diagnosis: Diagnosis, taught: Taught) -> Iterator[Figure]:
+def learned_figure(diagnosis: Diagnosis, learned: LearnedLaw) -> Iterator[Figure]:
     """The law that was learned, with two sds to each side, over the range that the readings have."""
-    found = curve(taught, diagnosis.experiment.robot.facts)
+    found = curve(learned, diagnosis.experiment.robot.facts)
     if found is None:
         return
-    law, shift = taught.leftover.law, taught.leftover.law.part == "shift"
+    law, shift = learned.leftover.law, learned.leftover.law.part == "shift"
     degrees = found.over in law.angles or found.over == "came"
     x = np.rad2deg(found.x) if degrees else found.x
     felt = "N" if shift else "N m"
     unit = "deg" if degrees else felt if found.over == "torque" else "share of the readings taken"
     under = f" under {found.torque:.3g} {felt}" if found.torque > 0.0 else ""
     moves = "um" if shift else "urad"
-    figure = blank(f"Learned: {taught.name}", f"{variable_words(law)}, {unit}", f"extra motion{under}, {moves}")
+    figure = blank(f"Learned: {learned.name}", f"{variable_words(law)}, {unit}", f"extra motion{under}, {moves}")
     rows = make_rows(diagnosis.readings)
-    at, said = dots(taught, rows.take(np.isin(rows.keep, diagnosis.kept)), found)
+    at, said = dots(learned, rows.take(np.isin(rows.keep, diagnosis.kept)), found)
     several = found.motion.shape[1] > 1
-    names = _axes(taught) if several else (place_words(law),)
+    names = _axes(learned) if several else (place_words(law),)
     for i, name in enumerate(names):
         y, band = 1e6 * found.motion[:, i], 2e6 * found.sd[:, i]
         figure.add_scatter(x=x, y=y, name=html.escape(name), line={"color": COLOURS[i]})
@@ -59,16 +59,15 @@ def learned_figure(diagnosis: Diagnosis, taught: Taught) -> Iterator[Figure]:
             x=where, y=1e6 * said[:, i], mode="markers", name=f"readings, {html.escape(name)}", marker=dot
         )
     note = (
-        "A smooth law that the readings taught, with its band of two standard deviations, beside the spring, which "
-        "takes what is straight in the torque; it says nothing of a cause. Rings: what each visit says of it, the "
-        "curve and the motion that its residuals ask for. Look for rings that leave the band together."
+        "Empirical correction (95 % band); the linear spring is removed. Rings: the curve and the residual motion of "
+        "each visit. Look for rings that leave the band together."
     )
     yield Figure(figure, note)
 
 
-def _axes(taught: Taught) -> tuple[str, ...]:
+def _axes(learned: LearnedLaw) -> tuple[str, ...]:
     """Names of the coordinates that a law moves, as its weights have them."""
-    ends = [name.rpartition("]")[2].split(".")[1] for name in taught.cause.names]
+    ends = [name.rpartition("]")[2].split(".")[1] for name in learned.cause.names]
     return tuple(dict.fromkeys(ends))
 
 
@@ -87,7 +86,7 @@ def budget_figure(diagnosis: Diagnosis) -> Figure:
     names = [*labels, "extended"]
     for said, look, at in (
         ("held-out", {"color": SKY}, [0, len(held)]),
-        ("falls by", {"color": BLUE}, [i for i in range(1, len(held)) if falls[i]]),
+        ("reduced by", {"color": BLUE}, [i for i in range(1, len(held)) if falls[i]]),
         ("rises by", BARS[0], [i for i in range(1, len(held)) if not falls[i]]),
     ):
         if at:
@@ -112,8 +111,8 @@ def budget_figure(diagnosis: Diagnosis) -> Figure:
     return Figure(
         figure,
         "Bars: the held-out error, from the nominal to the extended model; the number is what is left after "
-        "each step. Look for bars that fall visibly: these causes earn their place; what stays above the dotted line "
-        "is still unexplained. Diamonds far below the bars would say that the model follows the noise.",
+        "each step. Look for bars that become visibly shorter: these causes earn their place; what stays above the "
+        "dotted line is still unexplained. Diamonds far below the bars would say that the model follows the noise.",
         row_table(
             ("3D RMS", "held-out, mm", "on the readings, mm"),
             [[s.label for s in steps], [1e3 * s.heldout for s in steps], [1e3 * s.readings for s in steps]],
@@ -226,7 +225,7 @@ def angle_figure(diagnosis: Diagnosis) -> Figure | None:
         [x.cause.name for x in shown],
         angle_matrix(shown),
         f"The {len(shown)} visible causes that these readings show best, alike ones side by side; of causes that do "
-        "the same (within 1 deg) one stands for all. Look for dark squares: causes that these poses cannot tell apart, "
+        "the same (within 1 deg) one stands for all. Look for dark squares: causes that these poses cannot separate, "
         "whatever their size: other poses, loads or markers would.",
     )
 
@@ -258,7 +257,7 @@ def power_figure(diagnosis: Diagnosis) -> Figure:
             )
     return Figure(
         figure,
-        f"One line for each number of directions that a cause has; where nothing acts something is named in "
+        f"One line for each number of directions that a cause has; without any effect something is named in "
         f"{100 * diagnosis.level:g} % of data sets. Look where the lines rise, and for the causes named here (stars): "
         "a cause to the left of the rise can be there without being seen; its bound says how large.",
     )

@@ -21,8 +21,8 @@ _HOW = (
     "least squares; the noise is audited on what all causes together leave. Every effect of the library at every place "
     "is scored from one Jacobian (Lagrange multiplier test), and the largest of all scores is compared with its own "
     "distribution by Monte Carlo (max-T). Small sets of causes are searched by the extended BIC (gamma = 1), the best "
-    "are refitted with the exact model. A closing gate looks for any further smooth motion at any joint or link. "
-    "Held-out errors repeat the search in every fold."
+    "are refitted with the exact model. A test for remaining signal looks for any further smooth motion at any "
+    "joint or link. Held-out errors repeat the search in every fold."
 )
 
 
@@ -36,7 +36,7 @@ _LAWS = (
 def diagnosis_sections(
     diagnosis: Diagnosis, files: Sequence[Path], pairs: Sequence[Discrimination] = (), day: FollowUp | None = None
 ) -> tuple[Section, ...]:
-    """All sections of the report; files: what the diagnosis read, for their hashes; pairs: what separates rivals; day:
+    """All sections of the report; files: what the diagnosis read, for their hashes; pairs: what separates causes; day:
     the poses of a second day."""
     model, robots = diagnosis.extended.model, (diagnosis.experiment.robot,)
     laws = (LINEAR, EQUILIBRIUM, LEAST_SQUARES, *_LAWS)
@@ -47,7 +47,7 @@ def diagnosis_sections(
         Section("Causes", tuple(_causes(diagnosis, pairs)), folded=True),
         *([] if day is None else [Section("A second day", tuple(_day(day)))]),
         Section("Residuals before and after", tuple(_residuals(diagnosis)), folded=True),
-        Section("What these readings can tell", tuple(_tell(diagnosis)), folded=True),
+        Section("What these readings can identify", tuple(_tell(diagnosis)), folded=True),
         Section("Noise and data", tuple(_noise(diagnosis)), folded=True),
         Section(computed.title, (Text(_HOW), settings, *computed.blocks), folded=True),
     )
@@ -82,9 +82,9 @@ def _causes(diagnosis: Diagnosis, pairs: Sequence[Discrimination]) -> Iterator[B
         yield Text("Doubtful, and never to be read as certain:")
         yield doubtful
     for f in diagnosis.findings:
-        if f.rivals:
-            said = ", ".join(f"{r.name} ({tables.degrees(r.angle)})" for r in f.rivals)
-            yield Text(f"{f.name} cannot be told from {said}: any of them explains the readings as well.")
+        if f.alternatives:
+            said = ", ".join(f"{r.name} ({tables.degrees(r.angle)})" for r in f.alternatives)
+            yield Text(f"{f.name} cannot be separated from {said}: any of them explains the readings as well.")
         if f.hangs_on:
             sets = ", ".join("+".join(s) for s in f.hangs_on)
             yield Text(f"{f.name} rests on poses {sets}: without them another answer, or none, fits as well.")
@@ -94,8 +94,8 @@ def _causes(diagnosis: Diagnosis, pairs: Sequence[Discrimination]) -> Iterator[B
     if diagnosis.leftovers:
         yield tables.leftover_table(diagnosis)
         yield tables.place_table(diagnosis)
-    if diagnosis.taught is not None:
-        yield from plots.learned_figure(diagnosis, diagnosis.taught)
+    if diagnosis.learned is not None:
+        yield from plots.learned_figure(diagnosis, diagnosis.learned)
     for rest in (tables.alone_table, tables.excluded_table, tables.unseen_table):
         if (table := rest(diagnosis)).rows:
             yield table

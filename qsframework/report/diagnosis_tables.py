@@ -35,7 +35,7 @@ _EVIDENCE = (
     "adjusted p",
     "delta EBIC",
     "held-out gain",
-    "nearest rival, angle",
+    "nearest alternative, angle",
     "status",
 )
 _BESIDE = ("nearest, angle", "beside the named ones at most (95 %)")
@@ -70,18 +70,17 @@ def estimate_words(values: Sequence[Value]) -> str:
 
 def cause_table(diagnosis: Diagnosis) -> ReportTable:
     """Names that are not doubtful and what cannot be told from them, with all the evidence."""
-    rows = _with_rivals(diagnosis, diagnosis.sure)
+    rows = _with_alternatives(diagnosis, diagnosis.sure)
     if not diagnosis.findings:
         strongest = sorted((x for x in diagnosis.table if x.status is Status.EXCLUDED), key=lambda x: -x.s)[:3]
         rows = [_row(x, diagnosis) for x in strongest]
     return ReportTable(
         _EVIDENCE,
         tuple(rows),
-        "s: what the readings show of a cause, in units of noise, after the fitted parameters have absorbed what they "
-        "can. Adjusted p: how often the largest of all causes looks as strong where nothing acts. Delta EBIC: by how "
-        "much the extended BIC falls with the cause. Held-out gain: by what share the error at poses that the fit has "
-        "not seen falls with this cause beside the other named ones. Below 10 deg two causes do nearly the same to "
-        "these readings.",
+        "s: signal of a cause in units of noise, given the fitted parameters. Adjusted p: how often the largest of all "
+        "causes looks as strong without any effect. Delta EBIC: decrease of the extended BIC with the cause. Held-out "
+        "gain: decrease of the held-out error with this cause, given the other named ones. Below 10 deg two causes do "
+        "nearly the same to these readings.",
     )
 
 
@@ -89,8 +88,8 @@ def doubtful_table(diagnosis: Diagnosis) -> ReportTable:
     """Names without which held-out poses are predicted as well, and what cannot be told from them."""
     return ReportTable(
         _EVIDENCE,
-        tuple(_with_rivals(diagnosis, diagnosis.doubtful)),
-        "Doubtful: significant in these readings, but the held-out error does not clearly fall with them. An "
+        tuple(_with_alternatives(diagnosis, diagnosis.doubtful)),
+        "Doubtful: significant in these readings, but the held-out error is not clearly smaller with them. An "
         "extended robot is written without them.",
     )
 
@@ -107,11 +106,11 @@ def alone_table(diagnosis: Diagnosis) -> ReportTable:
     )
 
 
-def _with_rivals(diagnosis: Diagnosis, findings: Sequence[NamedCause]) -> list[tuple[str, ...]]:
+def _with_alternatives(diagnosis: Diagnosis, findings: Sequence[NamedCause]) -> list[tuple[str, ...]]:
     """Rows of findings, and of what cannot be told from them."""
     lines = {x.name: x for x in diagnosis.table}
-    named, rivals = {f.name for f in diagnosis.findings}, {r.name for f in findings for r in f.rivals}
-    tied = (x for x in diagnosis.table if x.name in rivals - named and x.status is Status.TIED)
+    named, alternatives = {f.name for f in diagnosis.findings}, {r.name for f in findings for r in f.alternatives}
+    tied = (x for x in diagnosis.table if x.name in alternatives - named and x.status is Status.TIED)
     return [*(_named(f, lines.get(f.name)) for f in findings), *(_row(x, diagnosis) for x in tied)]
 
 
@@ -120,7 +119,7 @@ def _nearest(x: Line) -> str:
 
 
 def _named(f: NamedCause, line: Line | None) -> tuple[str, ...]:
-    rivals = ", ".join(f"{r.name}, {degrees(r.angle)}" for r in f.rivals)
+    alternatives = ", ".join(f"{r.name}, {degrees(r.angle)}" for r in f.alternatives)
     near = f"{line.nearest}, {degrees(line.angle)}" if line is not None and line.nearest else "-"
     return (
         f.name,
@@ -129,14 +128,14 @@ def _named(f: NamedCause, line: Line | None) -> tuple[str, ...]:
         chance(f.p_value),
         f"{f.ebic_gain:.1f}",
         f"{100 * f.heldout_gain:.0f} %" if np.isfinite(f.heldout_gain) else "-",
-        rivals or near,
+        alternatives or near,
         "doubtful" if f.doubtful else Status.NAMED.value,
     )
 
 
 def _row(x: Line, diagnosis: Diagnosis) -> tuple[str, ...]:
-    owner = next((f.name for f in diagnosis.findings if x.name in [r.name for r in f.rivals]), "")
-    angle = next((r.angle for f in diagnosis.findings for r in f.rivals if r.name == x.name), x.angle)
+    owner = next((f.name for f in diagnosis.findings if x.name in [r.name for r in f.alternatives]), "")
+    angle = next((r.angle for f in diagnosis.findings for r in f.alternatives if r.name == x.name), x.angle)
     near = f"{owner or x.nearest}, {degrees(angle)}" if owner or x.nearest else "-"
     status = status_words(x, diagnosis)
     status = f"{status} {limit_words(x)}" if status == Status.EXCLUDED.value else status
@@ -159,7 +158,7 @@ def all_causes_table(diagnosis: Diagnosis) -> ReportTable:
         for x in lines
     )
     return ReportTable(
-        ("cause", "status", "s", "adjusted p", "bound, 95 %", "nearest rival, angle"),
+        ("cause", "status", "s", "adjusted p", "bound, 95 %", "nearest alternative, angle"),
         rows,
         "Excluded above: a cause larger than this would have shown in these readings beside the named ones. Invisible "
         "here: the fitted parameters absorb it, or no reading depends on it; nothing is said about it.",
@@ -230,9 +229,9 @@ def _parts(name: str) -> tuple[str, str]:
 
 def error_rows(diagnosis: Diagnosis) -> ReportTable:
     """3D RMS on the readings and held out."""
-    e, taught = diagnosis.rms.space, diagnosis.taught
-    learned = _mm(diagnosis.rms.in_space(taught.heldout)) if taught is not None and taught.holds else ""
-    law = [("extended with the learned correction", "-", learned)] if learned else []
+    e, learned = diagnosis.rms.space, diagnosis.learned
+    gain = _mm(diagnosis.rms.in_space(learned.heldout)) if learned is not None and learned.holds else ""
+    law = [("extended with the learned correction", "-", gain)] if gain else []
     rows = (
         ("nominal model", _mm(e.nominal), "-"),
         ("identified", _mm(e.identified), _mm(e.heldout_identified)),
@@ -311,10 +310,10 @@ def place_table(diagnosis: Diagnosis) -> ReportTable:
         for x in diagnosis.places
     )
     return ReportTable(
-        ("it may be", "share of the evidence", "where it depends most likely on", "the same motion"),
+        ("it may be", "share of the evidence", "where it depends most likely on", "equivalent places"),
         tuple(rows),
-        "The places that hold 95 % of the evidence together, a smooth law of one variable or two at each. Where "
-        "several stand here, these readings do not tell which it is.",
+        "The places that hold 95 % of the evidence together, a smooth law of one variable or two at each. These "
+        "readings cannot separate them.",
     )
 
 

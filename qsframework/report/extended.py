@@ -20,11 +20,19 @@ from qsframework.screening import adopted
 def write_extended(
     diagnosis: Diagnosis, folder: str | Path, pairs: Sequence[Discrimination] = (), *, doubtful: bool = False
 ) -> tuple[Path, ...]:
-    """Write the extended robot of a diagnosis and its experiment into a folder, all or nothing; the paths written.
+    """Write the extended robot of a diagnosis and its experiment into a folder, all or nothing.
 
-    pairs: what would separate rivals, where it was computed; doubtful: with names whose held-out error does not clearly
-    fall.
-    InputError as `write_extension` has them.
+    Args:
+        diagnosis: of the readings.
+        folder: to make, or an empty one.
+        pairs: what would separate alternatives, where it was computed.
+        doubtful: with causes that do not clearly reduce the held-out error.
+
+    Returns:
+        The paths written.
+
+    Raises:
+        InputError: as `write_extension` has them.
     """
     return write_extension(extension_of(diagnosis, pairs, doubtful=doubtful), folder)
 
@@ -33,10 +41,10 @@ def extended_words(diagnosis: Diagnosis, added: Sequence[str], *, doubtful: bool
     """By what a written robot is extended and what that gains at held-out poses, where that is known."""
     if not added:
         return "Nothing is added to the model; the values are those of these readings."
-    taught, rms = diagnosis.taught, diagnosis.rms
+    learned, rms = diagnosis.learned, diagnosis.rms
     before, after = rms.heldout_identified, rms.heldout_extended
-    if taught is not None and taught.name in added:
-        before, after = taught.before, taught.heldout
+    if learned is not None and learned.name in added:
+        before, after = learned.before, learned.heldout
     gain = f": held-out error {mm(rms.in_space(before))} \u2192 {mm(rms.in_space(after))} mm (3D RMS)"
     return f"The model is extended by {', '.join(added)}{gain if doubtful or not diagnosis.doubtful else ''}."
 
@@ -45,22 +53,22 @@ def extension_of(diagnosis: Diagnosis, pairs: Sequence[Discrimination] = (), *, 
     """The extension that a diagnosis calls for: its certain names and the law that was learned beside them, or all
     names without it, and the values of the exact fit. The law's weights are fitted again with all else, by the prior
     that its effect holds."""
-    taught = diagnosis.taught if not (doubtful and diagnosis.doubtful) else None
+    learned = diagnosis.learned if not (doubtful and diagnosis.doubtful) else None
     settled = diagnosis.extended if doubtful else diagnosis.certain
-    if taught is not None and taught.holds:
-        settled = taught.fit
+    if learned is not None and learned.holds:
+        settled = learned.fit
     source = diagnosis.readings.source
     told = f", readings sha256 {sha256(source)[:16]}" if source is not None and source.is_file() else ""
     evidence = {name: f"identified beside the named causes{told}" for name in settled.names}
     for f in (f for f in diagnosis.findings if doubtful or not f.doubtful):
         gain = f", held-out gain {100 * f.heldout_gain:.0f} %" if f.heldout_gain == f.heldout_gain else ""
-        rivals = f"; as likely {', '.join(r.name for r in f.rivals)}" if f.rivals else ""
-        said = f"diagnosed: s = {f.s:.1f}, p = {f.p_value:.2g}{gain}{told}{rivals}"
+        alternatives = f"; as likely {', '.join(r.name for r in f.alternatives)}" if f.alternatives else ""
+        said = f"diagnosed: s = {f.s:.1f}, p = {f.p_value:.2g}{gain}{told}{alternatives}"
         evidence.update({v.name: said for v in f.values})
-    if taught is not None and taught.holds:
-        said = f"learned: s = {taught.s:.1f}, p = {taught.leftover.p_value:.2g}"
-        said += f", held-out gain {100 * taught.gain:.0f} %{told}; no cause of the library"
-        evidence.update(dict.fromkeys(taught.cause.names, said))
+    if learned is not None and learned.holds:
+        said = f"learned: s = {learned.s:.1f}, p = {learned.leftover.p_value:.2g}"
+        said += f", held-out gain {100 * learned.gain:.0f} %{told}; no cause of the library"
+        evidence.update(dict.fromkeys(learned.cause.names, said))
     proved = adopted(diagnosis.conventions)
     structure = next((c for c in proved if c.structure), None)
     if structure is not None:

@@ -145,7 +145,7 @@ def _by_row(fit: Fit) -> tuple[Figure, ...]:
     far = Figure(
         figure,
         "Distances between predicted and measured positions by row of the file. Look for rows that stay far off when "
-        "all others fall: a gross error, or a pose that the model does not describe.",
+        "all others come near: an outlier, or a pose that the model does not describe.",
     )
     return student, far
 

@@ -100,13 +100,13 @@ def masked_blocks(fit: Fit) -> tuple[Block, ...]:
     blocks: list[Block] = []
     header = ("masked", "kind", "rows", "what was found")
     if fit.cleaned is not None and not fit.cleaned:
-        blocks.append(Text("The readings were looked through for rows that cannot be right: none is masked."))
+        blocks.append(Text("The readings were checked for wrong rows: none is masked."))
     if fit.cleaned:
         caption = "These rows were masked before the fit and are not used. Look at each: it stays in the file."
         blocks.append(ReportTable(header, tuple(_masked(m) for m in fit.cleaned), caption))
     gross = [m for m in fit.gross if m.kind == "gross"]
     if gross:
-        caption = "Gross under the fitted and under a richer model: masked by the fit itself. Look at each."
+        caption = "Outliers under the fitted and under a richer model: masked by the fit itself. Look at each."
         blocks.append(ReportTable(header, tuple(_masked(m) for m in gross), caption))
     blocks += [Text(m.words + ".") for m in fit.gross if m.kind != "gross"]
     return tuple(blocks)
@@ -196,15 +196,15 @@ def point_table(fit: Fit) -> ReportTable:
     return ReportTable(("touched", "x or distance, mm", "y, mm", "z, mm"), rows, words)
 
 
-def left_aside_table(fit: Fit) -> ReportTable:
+def not_estimated_table(fit: Fit) -> ReportTable:
     """Parameters that were requested and that these readings cannot identify."""
     rows = tuple(
         (
             entry.name,
-            listed_names(entry.absorbed_by) or "no effect",
+            listed_names(entry.correlated_with) or "no effect",
             "-" if np.isinf(entry.sd) else f"{entry.sd:.2g}",
         )
-        for entry in fit.left_aside
+        for entry in fit.not_estimated
     )
     note = (
         "Requested but not identifiable; kept at nominal. sd: if also estimated, in units of its typical value; -: no "
@@ -253,8 +253,8 @@ def _answer(fit: Fit, table: ReportTable, before: FitRecord | None = None) -> tu
 
 def _evidence(fit: Fit) -> Iterator[Block]:
     """Tables and notes behind the pictures."""
-    if fit.left_aside:
-        yield left_aside_table(fit)
+    if fit.not_estimated:
+        yield not_estimated_table(fit)
     yield from error_tables(fit)
     yield from masked_blocks(fit)
     yield from interval_tables(fit)

@@ -1,4 +1,4 @@
-"""The plan in a report: certificate, promised standard deviations, poses, 3D view."""
+"""The plan in a report: certificate, predicted standard deviations, poses, 3D view."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from qsframework.design.constraints import joint_range
 from qsframework.experiment import Experiment, Plan
-from qsframework.information import Promise, promised_beyond
+from qsframework.information import PredictedUncertainty, predicted_beyond
 from qsframework.plugin import Array, Parameter
 from qsframework.report.blocks import ReportTable, SceneView, Section, Text
 from qsframework.report.words.plan import certificate_text
@@ -41,27 +41,27 @@ def sd_table(parameters: Sequence[Parameter], columns: Mapping[str, Array]) -> R
     return ReportTable(
         ("parameter", "nominal", "unit", *columns),
         tuple(rows),
-        "Standard deviation that each plan promises, from the sensitivities at the nominal values; in brackets its "
+        "Predicted standard deviation of each plan, from the sensitivities at the nominal values; in brackets its "
         "share of the nominal value.",
     )
 
 
-def promise_table(promised: Sequence[Promise]) -> ReportTable:
+def predicted_table(predicted: Sequence[PredictedUncertainty]) -> ReportTable:
     """What a plan tells of each fitted parameter, and what would tell more."""
     rows = tuple(
         (p.name, f"{shown(p.nominal, p.unit)[0]:.4g}", _told(p.sd, p), shown(1.0, p.unit)[1], p.help or "ok")
-        for p in promised
+        for p in predicted
     )
     return ReportTable(
-        ("fitted parameter", "nominal", "promised sd", "unit", "what would help"),
+        ("fitted parameter", "nominal", "predicted sd", "unit", "what would help"),
         rows,
-        "Standard deviation that this plan promises, from the sensitivities at the nominal values; in brackets its "
+        "Predicted standard deviation, from the sensitivities at the nominal values; in brackets its "
         "share of the nominal value.",
     )
 
 
-def _told(sd: float, p: Parameter | Promise) -> str:
-    """A promised sd in the unit of its parameter, and its share of the nominal value."""
+def _told(sd: float, p: Parameter | PredictedUncertainty) -> str:
+    """A predicted sd in the unit of its parameter, and its share of the nominal value."""
     if not np.isfinite(sd):
         return "not identifiable"
     share = f" ({100 * sd / abs(p.nominal):.1f} %)" if p.nominal else ""
@@ -82,10 +82,9 @@ def beyond_table(experiment: Experiment, sds: Mapping[str, float]) -> ReportTabl
             verdict = f"{shown(sd, p.unit)[0]:.3g} {shown(1.0, p.unit)[1]} ({share:.3g} % of its {what} value{told})"
         rows.append((name, verdict))
     return ReportTable(
-        ("parameter", "sd if fitted as well"),
+        ("parameter", "sd if also estimated"),
         tuple(rows),
-        "Parameters of the model that the fit holds at their nominal values: what this plan could tell of each, one at "
-        "a time.",
+        "Parameters of the model that the fit holds at their nominal values: the predicted sd of each, one at a time.",
     )
 
 
@@ -108,12 +107,12 @@ def pose_table(plan: Plan, joints: JointUnits) -> ReportTable:
 def plan_sections(
     experiment: Experiment, plan: Plan, sds: ReportTable, notes: Sequence[str] = ()
 ) -> tuple[Section, ...]:
-    """The 3D view, what the plan promises, and how it is proved, folded."""
-    beyond = promised_beyond(experiment, plan)
+    """The 3D view, what the plan predicts, and how it is proved, folded."""
+    beyond = predicted_beyond(experiment, plan)
     more = (beyond_table(experiment, beyond),) if beyond else ()
     return (
         Section("Poses", (plan_view(experiment, plan),)),
-        Section("What it promises", (sds, *more)),
+        Section("Predicted uncertainties", (sds, *more)),
         Section("Proof and notes", (Text(certificate_text(plan)), *map(Text, notes)), folded=True),
     )
 

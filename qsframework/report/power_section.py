@@ -34,12 +34,12 @@ _LABELS = 50
 def size_table(foresight: Foresight) -> ReportTable:
     """Every visible cause: the smallest sizes that are detected and named, the nearest rival, the status."""
     seen = [p for p in foresight.prospects if p.status is not Outlook.INVISIBLE]
-    rows = tuple((p.name, smallest_words(p), smallest_words(p, named=True), _rival(p), _status(p)) for p in seen)
+    rows = tuple((p.name, smallest_words(p), smallest_words(p, named=True), _alternative(p), _status(p)) for p in seen)
     return ReportTable(
-        ("cause", "smallest size detected", "named", "nearest rival, angle", "status"),
+        ("cause", "smallest size detected", "named", "nearest alternative, angle", "status"),
         rows,
         f"Detected: shown in {100 * foresight.power:.0f} % of measurements of this plan, at "
-        f"{100 * foresight.level:.2g} % false alarms over all causes together. Named: also told from all other causes, "
+        f"{100 * foresight.level:.2g} % false alarms over all causes together. Named: also separated from all others, "
         f"its aliases apart, in {100 * foresight.share:.0f} %. Of a cause with several parameters each stands for "
         "itself, the others at zero.",
         _folded("causes that the plan would show", len(rows)),
@@ -89,7 +89,7 @@ def pair_table(foresight: Foresight) -> ReportTable:
         for p in foresight.pairs
     )
     return ReportTable(
-        ("cause", "rival", "angle", "told apart from s"),
+        ("cause", "alternative", "angle", "separated from s"),
         rows,
         "Below 10 deg two causes do nearly the same to the readings. s: visible size in units of noise from which the "
         "right one is named in most measurements; `qsf diagnose` designs poses that widen the angle, or says what else "
@@ -106,7 +106,7 @@ def _status(p: Prospect) -> str:
     return f"{p.status.value}: {why_words(p)}" if p.why else p.status.value
 
 
-def _rival(prospect: Prospect) -> str:
+def _alternative(prospect: Prospect) -> str:
     return f"{prospect.nearest}, {np.rad2deg(prospect.angle):.0f} deg" if prospect.nearest else "-"
 
 
@@ -173,15 +173,15 @@ def power_section(foresight: Foresight, title: str = "What this plan would show"
     blocks: list[Text | ReportTable | Figure] = [Text(said) for said in foresight_words(foresight)[:1]]
     blocks.append(size_table(foresight))
     caption = (
-        "Look where the curves cross the dotted line: there a cause is detected as surely as is asked. s grows with "
+        "Look where the curves cross the dotted line: there a cause is detected with the required power. s grows with "
         "the effect and with the square root of the number of readings; a cause with more parameters must show more "
-        "before it is told from noise."
+        "before it is distinguished from noise."
     )
     blocks.append(Figure(power_figure(foresight), caption))
     if np.isfinite(foresight.angles).any():
         caption = (
             "Look for dark squares off the diagonal: causes that do the same to these readings, whatever their size. "
-            "Bright ones are told apart with ease."
+            "Bright ones are easily separated."
         )
         blocks.append(angle_figure(names, foresight.angles, caption))
     if foresight.pairs:

@@ -140,13 +140,12 @@ def _state(cycle: int, loaded: bool, whole: bool) -> str:
 def _made(protocol: Protocol, files: SheetFiles) -> str:
     """One line instead of a page: from which files, so that the sheet can be made again."""
     hashes = ", ".join(f"{path.name} {sha256(path)[:12]}" for path in files.inputs)
-    return (
-        f"Made by qsf protocol of qsframework {version('qsframework')}; seed {protocol.wish.seed}; SHA-256: {hashes}."
-    )
+    made = f"Made by qsf protocol of qsframework {version('qsframework')}; seed {protocol.options.seed}"
+    return f"{made}; SHA-256: {hashes}."
 
 
 def _before(protocol: Protocol, commands: Commands) -> SheetPart:
-    wish = protocol.wish
+    options = protocol.options
     first = protocol.visits[0]
     weight = protocol.loaded
     people = (
@@ -159,19 +158,19 @@ def _before(protocol: Protocol, commands: Commands) -> SheetPart:
         f"Fence, emergency stop and enabling switch tested.{rated}",
         f"Load data of {'tool and weight' if weight else 'the tool'} set on the controller; mastering unchanged since "
         "the last service.",
-        f"Tracker on for as long as its maker asks; {wish.reflectors} reflectors fixed to the floor around the robot, "
-        "as far apart as the tracker sees.",
+        f"Tracker on for as long as its maker asks; {options.reflectors} reflectors fixed to the floor around the "
+        "robot, as far apart as the tracker sees.",
         *_stands(protocol),
         f"The programme drives in this sheet's order: {commands.programme}. At every stop it"
         f"{' names the load and' if weight else ''} waits for the start button. Run once slowly"
         f"{' without the weight' if weight else ''}.",
-        f"Warm-up: {wish.warm_up:g} min{' without the weight' if weight else ''}, at measuring speed: "
+        f"Warm-up: {options.warm_up:g} min{' without the weight' if weight else ''}, at measuring speed: "
         f"{commands.warm_up}.",
         *(
             [f"Preload: at pose {first.pose} the weight on and off once, not read. The gears settle on one side."]
             * weight
         ),
-        f"Drive state while reading: {wish.drive}. The same for both states of every reading; note any change.",
+        f"Drive state while reading: {options.drive}. The same for both states of every reading; note any change.",
         "Every pose is reached from the same side: the programme's own way, without jogging in between.",
     ]
     hours = f"About {protocol.hours:.1f} hours in all: {len(protocol.visits)} visits, {protocol.readings} readings."
@@ -191,7 +190,7 @@ def _positions(protocol: Protocol, files: SheetFiles) -> SheetPart:
     """What is done at a pose where positions are read."""
     steps = (
         "The arm arrives. People clear. Compare the pendant's angles with the sheet.",
-        f"Wait {protocol.wish.settle:g} s. Read the reflectors on the floor ({files.floor}).",
+        f"Wait {protocol.options.settle:g} s. Read the reflectors on the floor ({files.floor}).",
         f"Read the markers of the card, write the time and the temperature ({files.readings}).",
         "A reading that went wrong is not overwritten: write 0 in its column use, and why in your own notes.",
     )
@@ -201,15 +200,15 @@ def _positions(protocol: Protocol, files: SheetFiles) -> SheetPart:
 def _at_each_pose(protocol: Protocol, files: SheetFiles) -> SheetPart:
     if not protocol.loaded:
         return _positions(protocol, files)
-    wish, readings, floor = protocol.wish, files.readings, files.floor
-    half = "Where a card says 'half', first half of the weight, read, then all of it. " if wish.half else ""
+    options, readings, floor = protocol.options, files.readings, files.floor
+    half = "Where a card says 'half', first half of the weight, read, then all of it. " if options.half else ""
     steps = [
         "The arm arrives without the weight. People clear. Compare the pendant's angles with the sheet.",
-        f"Wait {wish.settle:g} s. Read the reflectors on the floor ({floor}).",
+        f"Wait {options.settle:g} s. Read the reflectors on the floor ({floor}).",
         f"Unloaded: read all markers ({', '.join(protocol.markers)}), write the time and the temperature ({readings}).",
-        f"{half}Weight on, without a push. Wait {wish.settle:g} s. Loaded: read all markers.",
-        f"Weight off. Wait {wish.settle:g} s. Unloaded: read all markers.",
-        f"Cycles: {wish.cycles}, so weight on and off {wish.cycles} times; the last state is unloaded.",
+        f"{half}Weight on, without a push. Wait {options.settle:g} s. Loaded: read all markers.",
+        f"Weight off. Wait {options.settle:g} s. Unloaded: read all markers.",
+        f"Cycles: {options.cycles}, so weight on and off {options.cycles} times; the last state is unloaded.",
         "A reading that went wrong is not overwritten: write 0 in its column use, and why in your own notes.",
     ]
     bare = ("At a card of positions nothing hangs: its markers are read once.",) * any(
@@ -224,12 +223,12 @@ def _at_each_pose(protocol: Protocol, files: SheetFiles) -> SheetPart:
 
 
 def _order(protocol: Protocol) -> SheetPart:
-    wish = protocol.wish
+    options = protocol.options
     order = {
-        "random": f"The order is random (seed {wish.seed}), so that drift cannot pass for an effect of the pose.",
+        "random": f"The order is random (seed {options.seed}), so that drift cannot pass for an effect of the pose.",
         "shortest": "The order is a short way; a drift over the day may then look like an effect of the pose.",
         "plan": "The order is the plan's.",
-    }[wish.order]
+    }[options.order]
     again = f"Visited again later: {', '.join(protocol.repeated) or 'none'}. Keep to the order, also after a break."
     if not protocol.loaded:
         cards = "Angles are those of the pendant. In the pictures grey lines are the base's x (longer) and y."
@@ -257,7 +256,7 @@ def _after(protocol: Protocol, files: SheetFiles, commands: Commands) -> SheetPa
     readings = files.readings
     bent = "what did not come back after unloading, whether half the load gives half the deflection, "
     text = (
-        f"Name {readings} as `data:` in the experiment and run qsf check on it before any fit: it tells the "
+        f"Name {readings} as `data:` in the experiment and run qsf check on it before any fit: it gives the "
         f"repeatability, {bent if protocol.loaded else ''}and "
         "whether the floor's reflectors moved. Columns that nobody filled in may stay empty; rows not measured get 0 "
         f"in the column use. Then {commands.identify}."

@@ -9,7 +9,7 @@ import numpy as np
 
 from qsframework.diagnose.error_budget import error_budget
 from qsframework.diagnose.residuals.lack_of_fit import LackOfFit
-from qsframework.diagnose.result import Diagnosis, Leftover, Line, NamedCause, Taught
+from qsframework.diagnose.result import Diagnosis, LearnedLaw, Leftover, Line, NamedCause
 from qsframework.discriminate.follow_up import FollowUp
 from qsframework.discriminate.mounts import Mount
 from qsframework.discriminate.pair import Discrimination
@@ -28,7 +28,7 @@ _RMS = ("nominal", "identified", "extended", "heldout_identified", "heldout_exte
 
 
 def diagnosis_json(found: Diagnosis, pairs: Sequence[Discrimination] = ()) -> dict[str, Any]:
-    """What `qsf diagnose` writes (SI units, RMS in mm). pairs: what would separate rivals, where it was computed."""
+    """What `qsf diagnose` writes (SI units, RMS in mm). pairs: what would separate alternatives."""
     return {
         "account": as_file(found.account),
         "verdict": found.verdict,
@@ -50,7 +50,7 @@ def diagnosis_json(found: Diagnosis, pairs: Sequence[Discrimination] = ()) -> di
             }
             for x in found.places
         ],
-        "learned": None if found.taught is None else _learned(found, found.taught),
+        "learned": None if found.learned is None else _learned(found, found.learned),
         "error_mm": {name: _number(1e3 * getattr(found.rms.space, name)) for name in _RMS},
         "rms_per_axis_mm": {name: _number(1e3 * getattr(found.rms, name)) for name in _RMS},
         "budget": [
@@ -107,7 +107,7 @@ def _problems(found: Diagnosis) -> list[dict[str, Any]]:
     return out
 
 
-def _learned(found: Diagnosis, x: Taught) -> dict[str, Any]:
+def _learned(found: Diagnosis, x: LearnedLaw) -> dict[str, Any]:
     return _law_json(x.leftover) | {
         "id": x.name,
         "written": x.holds,
@@ -142,7 +142,7 @@ def _law_json(x: Leftover) -> dict[str, Any]:
 def _cause(f: NamedCause) -> dict[str, Any]:
     return {
         "id": f.name,
-        "rivals": [r.name for r in f.rivals],
+        "alternatives": [r.name for r in f.alternatives],
         "p_value": f.p_value,
         "s": f.s,
         "delta_ebic": f.ebic_gain,

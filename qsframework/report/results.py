@@ -11,7 +11,7 @@ from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment, Plan, Readings
 from qsframework.identify import Fit, FitRecord
 from qsframework.identify.validate import Validation
-from qsframework.information import promised_sd
+from qsframework.information import predicted_sd
 from qsframework.report.blocks import Section, Verdict
 from qsframework.report.diagnosis_section import diagnosis_sections
 from qsframework.report.fit_section import fit_sections
@@ -37,10 +37,21 @@ def report(
     files: Sequence[Path] = (),
     before: FitRecord | None = None,
 ) -> Path:
-    """Write the report of a fit, a plan, a diagnosis or a validation, all or nothing: HTML, or .pdf by Chromium.
+    """Write the report of a fit, a plan, a diagnosis or a validation, all or nothing.
 
-    experiment: of all but a diagnosis, which holds its own; readings: of a fit; files: what it was made of, for their
-    hashes; before: a fit of another campaign of this arm. InputError where one of them is missing.
+    Args:
+        result: what is reported.
+        path: .html, or .pdf (needs Chromium).
+        experiment: of all but a diagnosis, which holds its own.
+        readings: of a fit.
+        files: what it was made of, for their hashes.
+        before: a fit of another campaign of this arm.
+
+    Returns:
+        The path.
+
+    Raises:
+        InputError: where one of them is missing.
     """
     if isinstance(result, Diagnosis):
         title, verdict = f"Diagnosis: {result.experiment.robot.title}", diagnosis_verdict(result)
@@ -61,7 +72,7 @@ def report(
 
 
 def _plan(plan: Plan, experiment: Experiment, files: Sequence[Path]) -> tuple[tuple[Section, ...], Verdict]:
-    sds = promised_sd(experiment, plan)
+    sds = predicted_sd(experiment, plan)
     table = sd_table(experiment.fit_parameters(), {"this plan": sds})
     own = computed(experiment, files, None, (EQUILIBRIUM, INFORMATION, AFTER))
     return (*plan_sections(experiment, plan, table), own), plan_verdict(experiment, plan, sds)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 _LOOK = (
     "Bars: how far each marker moves under the load, without noise; the dotted line is the noise of one coordinate. "
-    "Look for poses whose bars are hardly above it: they tell nothing; and for markers that always move alike."
+    "Look for poses whose bars are hardly above it: they carry no information; and for markers that always move alike."
 )
 _SCENE = (
     "The arm at every pose of the plan; transparent: deflected, 100 times exaggerated, by the full equilibrium at the "

@@ -34,10 +34,41 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 
-def load_robot(name: str | Path, beside: Path | None = None, *, trust: bool | None = None) -> Robot:
-    """Load a robot by name or path. InputError with all problems of its files, each with file and line.
+def as_robot(robot: object) -> Robot:
+    """A robot, or the one that a name or a path means.
 
-    trust: whether effects that it names by `file:` may run their code; None: as the command was told, by default not
+    Args:
+        robot: a Robot, a shipped robot's name, or the path of its folder or robot.yaml.
+
+    Returns:
+        The Robot.
+
+    Raises:
+        InputError: where nothing of this name is found, its files are wrong, or the value is none of these.
+    """
+    if isinstance(robot, Robot):
+        return robot
+    if not isinstance(robot, str | Path):
+        found = type(robot).__name__
+        raise InputError(
+            Problem("a robot is needed", found=found, allowed="a Robot, its name, or the path of its folder")
+        )
+    return load_robot(robot)
+
+
+def load_robot(name: str | Path, beside: Path | None = None, *, trust: bool | None = None) -> Robot:
+    """Load a robot by name or path.
+
+    Args:
+        name: a shipped robot's name, or the path of its folder or robot.yaml.
+        beside: a file beside which a relative path is looked for.
+        trust: whether effects that it names by `file:` may run their code; None: as the command was given.
+
+    Returns:
+        The arm: kinematics, controller, effects and shapes.
+
+    Raises:
+        InputError: with all problems of its files, each with file and line.
     """
     document = read_yaml(find_robot(name, beside))
     reading = _Reading(document)

@@ -53,10 +53,21 @@ def new(
     folder: str | Path | None = None,
     arm: Arm | None = None,
 ) -> NewRobot:
-    """Write the folder of a new robot, from a URDF or xacro or from a table `dh`, and try it.
+    """Write the folder of a new robot, from a URDF or xacro or from a table, and test it.
 
-    folder: to make, the name if left out; an empty one may be there. InputError with every problem where the name is
-    none, the file is missing, the folder holds something, or the description is no arm.
+    Args:
+        name: the robot's name.
+        urdf: its URDF or xacro.
+        dh: instead of it a Denavit-Hartenberg table.
+        folder: to make, the name if None; an empty one may be there.
+        arm: base, flange, payload and the like.
+
+    Returns:
+        The robot, and what is missing in its data.
+
+    Raises:
+        InputError: with every problem, where the name is none, the file is missing, the folder holds something, or the
+            description is no arm.
     """
     arm, folder = arm or Arm(), Path(folder or name)
     if not _NAME.fullmatch(name):

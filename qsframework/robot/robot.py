@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from qsframework.plugin import Array, Effect, Parameter, RobotFacts
 from qsframework.robot.controller import Controller
 from qsframework.robot.mesh import Hull, Surface
+from qsframework.viewed import Viewed
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -64,8 +65,8 @@ class MeshShape:
     rgba: tuple[float, float, float, float]
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Robot:
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Robot(Viewed):
     """An arm: kinematics, controller convention, effects with nominal parameters, and shapes.
 
     `model` is the `pin.Model`; `facts` are its constants; `frames` holds every link of the URDF.

@@ -301,8 +301,8 @@ def _left_out(dropped: list[Joint], lost: float) -> tuple[str, ...]:
         return ()
     more = f" and {len(dropped) - _TOLD} more" if len(dropped) > _TOLD else ""
     names = ", ".join(j.name for j in dropped[:_TOLD]) + more
-    weight = f"; what they carry, {lost:.3g} kg with all that is fixed to it, is left out too" if lost > 0 else ""
-    return (f"left out, as they do not move the flange: {names}{weight}. Bars of a loop are an effect",)
+    weight = f"; what they carry, {lost:.3g} kg with all that is fixed to it, is omitted too" if lost > 0 else ""
+    return (f"omitted, as they do not move the flange: {names}{weight}. Bars of a loop are an effect",)
 
 
 def _urdf_text(urdf: Urdf, name: str, base: str, guessed: bool) -> str:

@@ -69,7 +69,7 @@ def with_meshes(urdf: Urdf, sources: Sources) -> tuple[Urdf, dict[str, str], tup
     links = tuple(kept.link(link, k) for k, link in enumerate(urdf.links))
     notes = (
         (f"meshes: not there, or of a kind that is not read ({', '.join(KINDS)} are)", kept.missing),
-        ("meshes: these cannot be read and are left out", kept.broken),
+        ("meshes: these cannot be read and are omitted", kept.broken),
         (f"meshes: with more than {_SOLID} triangles the convex hull stands for them in collisions", kept.fine),
     )
     return replace(urdf, links=links), kept.files, tuple(f"{head}: {_some(found)}" for head, found in notes if found)

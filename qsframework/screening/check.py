@@ -31,7 +31,7 @@ _TESTED = 4
 """Kinds that share the level."""
 _MANY = 20
 """Gross displacements that are taken out one after the other."""
-_UNTOLD = (InputError, NotIdentifiable, NotConverged, np.linalg.LinAlgError)
+_UNIDENTIFIABLE = (InputError, NotIdentifiable, NotConverged, np.linalg.LinAlgError)
 """Where the readings tell no fit, they prove nothing; `identify` says what they lack."""
 
 
@@ -51,6 +51,9 @@ def find_mistakes(
         all before it. Then what merely fits better (where nothing is beyond doubt), suspicions, and gross rows. Beside
         the first one that is beyond doubt the next best goes along and is not compelling: axes that are nearly those of
         the right sign fit better, too.
+
+    Raises:
+        InputError: where the readings do not identify the parameters at all.
     """
     found: list[Mistake] = []
     for one in [*unread(readings), *_rigid(experiment, readings, level)]:
@@ -59,7 +62,7 @@ def find_mistakes(
             found.append(_told(one, experiment, readings, True))
     try:
         given = linearized(experiment, readings)
-    except _UNTOLD:
+    except _UNIDENTIFIABLE:
         return tuple(found)
     units = suspicions(given)
     proved, rest, given = _proved(given)
@@ -114,11 +117,11 @@ def _holds(change: Mistake, given: Linearized) -> bool:
     """Whether the readings fit better with a change at the solution too, and not only by one step from the guess."""
     try:
         after = at_solution(change.experiment, change.readings)
-    except _UNTOLD:
+    except _UNIDENTIFIABLE:
         return False
     try:
         return after < at_solution(given.experiment, given.readings)
-    except _UNTOLD:
+    except _UNIDENTIFIABLE:
         return True
 
 
@@ -192,5 +195,5 @@ def _snooped(experiment: Experiment, readings: Readings, found: Sequence[Finding
 def _fit(experiment: Experiment, readings: Readings) -> Linearized | None:
     try:
         return linearized(experiment, readings)
-    except _UNTOLD:
+    except _UNIDENTIFIABLE:
         return None

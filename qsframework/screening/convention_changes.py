@@ -10,11 +10,11 @@ import numpy as np
 
 from qsframework.elastostatics.so3 import cross_matrix, exponential
 from qsframework.errors import InputError
-from qsframework.experiment import Experiment, Readings, as_shown, bridge, on_robot
+from qsframework.experiment import Experiment, Readings, as_shown, observation_model, on_robot
 from qsframework.plugin import Array, Indices, Poses
 from qsframework.plugin.registry import with_role
 from qsframework.robot import StructuralChange, alternatives
-from qsframework.screening.linearized import Linearized, of_bridge
+from qsframework.screening.linearized import Linearized, of_observations
 from qsframework.screening.logging_faults import Slipped, moved_up
 
 
@@ -309,7 +309,7 @@ def tracker_axes(experiment: Experiment, readings: Readings) -> Iterator[Convent
     words = "the displacements are along the axes of the tracker, not of the base"
     changed = replace(readings, frame=frame, frames=(*readings.frames, TRACKER), known=(*readings.known, None))
     try:
-        turned = bridge(experiment, changed, experiment.fit_names(), linear=True).frames[-1].rotation
+        turned = observation_model(experiment, changed, experiment.fit_names(), linear=True).frames[-1].rotation
     except InputError:  # too few, or all along one line
         return
     if np.trace(turned) < 1.0 + 2.0 * np.cos(_ALIGNED):
@@ -321,11 +321,11 @@ def aligned(experiment: Experiment, turned: Readings, given: Readings) -> Readin
 
     turned: with the frame that `tracker_axes` gives them; given: the readings before
     """
-    seen = bridge(experiment, given, experiment.fit_names(), linear=True)
-    fit = of_bridge(experiment, seen)
+    seen = observation_model(experiment, given, experiment.fit_names(), linear=True)
+    fit = of_observations(experiment, seen)
     rows = fit.rows
     at = turned.frame[rows.keep] == turned.frames.index(TRACKER)
-    rotation = bridge(experiment, turned, experiment.fit_names(), linear=True).frames[-1].rotation.T
+    rotation = observation_model(experiment, turned, experiment.fit_names(), linear=True).frames[-1].rotation.T
     predicted = rows.scalars - fit.errors
     for _ in range(_SETTLES):  # the readings are turned and not the model: springs and turns then do not mix
         value = np.where(at[:, None], rows.measured @ rotation.T, rows.measured)

@@ -13,7 +13,7 @@ import numpy as np
 from qsframework.elastostatics.structure import CHUNK
 from qsframework.errors import InputError, NotIdentifiable
 from qsframework.estimation import LinearFit, rms, scales
-from qsframework.experiment import Experiment, Frame, Readings, bridge, make_rows
+from qsframework.experiment import Experiment, Frame, Readings, make_rows, observation_model
 from qsframework.experiment.observations import start_values
 from qsframework.plugin import Indices, Spring
 from qsframework.screening.blocks import FRAME, in_frame
@@ -35,7 +35,7 @@ from qsframework.screening.convention_changes import (
     value_units,
 )
 from qsframework.screening.edit_words import mistake_words
-from qsframework.screening.linearized import Estimates, Linearized, linearized, of_bridge, other_readings
+from qsframework.screening.linearized import Estimates, Linearized, linearized, of_observations, other_readings
 from qsframework.screening.logging_faults import exchanges, late_angles
 from qsframework.screening.marker_constant import marker_constant
 from qsframework.screening.mistake import Mistake, Moved
@@ -391,8 +391,8 @@ def _one(change: ConventionChange, given: Linearized) -> Linearized | None:
             frames = rows.nearest(positions)
             if rms(rows.scalars - rows.flat(rows.seen(positions, frames))) > _FAR * rms(given.errors):
                 return None
-        seen = bridge(change.experiment, change.readings, names, linear=True, frames=frames, rows=rows)
-        return of_bridge(change.experiment, seen)
+        seen = observation_model(change.experiment, change.readings, names, linear=True, frames=frames, rows=rows)
+        return of_observations(change.experiment, seen)
     except (InputError, NotIdentifiable):
         return None
 

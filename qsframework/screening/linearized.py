@@ -12,7 +12,7 @@ from qsframework.errors import NotIdentifiable
 from qsframework.estimation import LinearFit, Noise, left, orthonormal, rank_test, rms, scales
 from qsframework.estimation.linear_fit import Agreed, Beyond, Whitened, without_outliers
 from qsframework.estimation.projection import Flags
-from qsframework.experiment import Experiment, Frame, ObservationModel, Readings, bridge
+from qsframework.experiment import Experiment, Frame, ObservationModel, Readings, observation_model
 from qsframework.experiment.frames import motion_count
 from qsframework.experiment.observations import ReadingRows, start_values
 from qsframework.experiment.together import positions_of, rates_of
@@ -120,10 +120,10 @@ def _within(R: Array, z: Array, free: Array, low: Array, high: Array) -> Array:
 
 def linearized(experiment: Experiment, readings: Readings) -> Linearized:
     """The experiment's parameters about their nominal values. NotIdentifiable where the readings tell none."""
-    return of_bridge(experiment, bridge(experiment, readings, experiment.fit_names(), linear=True))
+    return of_observations(experiment, observation_model(experiment, readings, experiment.fit_names(), linear=True))
 
 
-def of_bridge(experiment: Experiment, seen: ObservationModel) -> Linearized:
+def of_observations(experiment: Experiment, seen: ObservationModel) -> Linearized:
     """The same about the values and frames of a bridge."""
     rows = seen.rows
     slopes, errors = _columns(seen, seen.frames, scales(list(seen.parameters)))
@@ -135,7 +135,7 @@ def of_bridge(experiment: Experiment, seen: ObservationModel) -> Linearized:
 def at_solution(experiment: Experiment, readings: Readings) -> float:
     """RMS (m) of what some steps of Gauss and Newton leave, each within bounds and shortened until it helps: at the
     solution, not at the guess; where readings hardly tell a direction nothing moves along it."""
-    seen = bridge(experiment, readings, experiment.fit_names(), linear=True)
+    seen = observation_model(experiment, readings, experiment.fit_names(), linear=True)
     rows, size = seen.rows, scales(list(seen.parameters))
     low, high = (np.array([getattr(p, end) for p in seen.parameters]) for end in ("lower", "upper"))
     least, z = np.inf, np.clip(seen.start, low, high)

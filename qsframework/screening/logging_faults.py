@@ -14,9 +14,9 @@ import numpy as np
 
 from qsframework.estimation import Independent, LinearFit
 from qsframework.estimation.linear_fit import chance
-from qsframework.experiment import ReadingRows, bridge
+from qsframework.experiment import ReadingRows, observation_model
 from qsframework.plugin import Array, Indices, Poses
-from qsframework.screening.linearized import Linearized, of_bridge
+from qsframework.screening.linearized import Linearized, of_observations
 
 Found = list[tuple[Indices, str]]
 
@@ -289,7 +289,9 @@ def _shifted(fit: Linearized, seen: Visits) -> Linearized:
     poses = moved_up(fit.readings.poses, seen, range(len(seen) - 1))
     rows = replace(fit.rows, readings=fit.readings.with_poses(poses))
     names = fit.experiment.fit_names()
-    return of_bridge(fit.experiment, bridge(fit.experiment, rows.readings, names, linear=True, rows=rows))
+    return of_observations(
+        fit.experiment, observation_model(fit.experiment, rows.readings, names, linear=True, rows=rows)
+    )
 
 
 def _stuck(fit: Linearized, seen: Visits, stuck: Indices, level: float) -> tuple[list[Slipped], float]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from qsframework.estimation import LinearFit
-from qsframework.experiment import bridge
+from qsframework.experiment import observation_model
 from qsframework.plugin import Array, Indices
 from qsframework.plugin.build import build_effects
 from qsframework.plugin.registry import with_role
@@ -96,5 +96,5 @@ def _moved(fit: Linearized, marker: str) -> Array:
     told = tuple(p for e in more for p in e.parameters(experiment.robot.facts))
     wide = experiment.with_(effects=(*experiment.effects, *more), parameters=(*experiment.parameters, *told))
     wanted = [p.name for e in effects for p in e.parameters(experiment.robot.facts)]
-    seen = bridge(wide, rows.readings, wanted, linear=True, rows=rows)
+    seen = observation_model(wide, rows.readings, wanted, linear=True, rows=rows)
     return rows.flat(rows.rates(seen.model, seen.x, seen.frames, wanted, linear=True)[1])[:, seen.motions :]

@@ -38,7 +38,7 @@ class Mistake:
     kinds: of mistakes that mend the readings about as well, its own first
     column: without its unit; found, meant: SI, in that column of one pose, else NaN
     moved: the parameters that change most with it
-    hides: whether it scatters every visit and cannot be undone, so that no cause can be told beside it
+    hides: whether it scatters every visit and cannot be undone, so that no cause can be identified beside it
     Only a compelling one is to be believed; a `load_unit` never is, because the compliances absorb it.
     """
 

@@ -15,7 +15,7 @@ from qsframework.errors import InputError, QsfError
 from qsframework.estimation import LinearFit
 from qsframework.estimation.linear_fit import Agreed
 from qsframework.estimation.projection import Flags
-from qsframework.experiment import Experiment, ObservationModel, Readings, bridge
+from qsframework.experiment import Experiment, ObservationModel, Readings, observation_model
 from qsframework.plugin import Array, Effect, Indices
 from qsframework.plugin.build import build_effects
 from qsframework.plugin.registry import with_role
@@ -131,7 +131,7 @@ def widened(experiment: Experiment, readings: Readings) -> ObservationModel:
     wide = experiment.with_(effects=(*experiment.effects, *more), parameters=(*experiment.parameters, *own))
     model = wide.model()
     names = {*model.of_role(*_WHOLE), *experiment.fit_names()}
-    return bridge(wide, readings, [n for n in model.names if n in names], linear=True)
+    return observation_model(wide, readings, [n for n in model.names if n in names], linear=True)
 
 
 def _agreed(seen: ObservationModel) -> Agreed:

@@ -14,7 +14,7 @@ import numpy as np
 from qsframework.estimation import Independent, LinearFit, scales
 from qsframework.estimation.projection import Flags
 from qsframework.estimation.tails import chi2_isf
-from qsframework.experiment import Experiment, Frame, ObservationModel, ReadingRows, Readings, bridge
+from qsframework.experiment import Experiment, Frame, ObservationModel, ReadingRows, Readings, observation_model
 from qsframework.experiment.frames import motion_count, spans
 from qsframework.plugin import Array, Indices
 from qsframework.screening.linearized import agreed
@@ -109,11 +109,11 @@ class Standing:
 
 
 def stand_out(experiment: Experiment, readings: Readings) -> Standing:
-    """Which visits stand out, each against the others. Errors as `bridge` has them.
+    """Which visits stand out, each against the others. Errors as `observation_model` has them.
 
     What visits share is left to the unit.
     """
-    seen = bridge(experiment, readings, experiment.fit_names(), linear=True)
+    seen = observation_model(experiment, readings, experiment.fit_names(), linear=True)
     rows = seen.rows
     visits = visits_of(rows)
     count = np.bincount(visits.of[rows.row], minlength=len(visits))

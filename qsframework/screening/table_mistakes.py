@@ -2,7 +2,7 @@
 
 Three things must hold. The mended rows fit as others do; the readings get likelier by far more than the edits tried
 give by chance; and what is mended stands out from whatever else misfits, so that outliers, heavy tails and an effect
-that acts at all poses make no mistake of one of them.
+that is there at all poses make no mistake of one of them.
 """
 
 from __future__ import annotations

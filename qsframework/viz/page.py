@@ -40,7 +40,7 @@ def render(scene: Scene, watch: str | None = None) -> str:
     }
     parts = {
         "title": html.escape(scene.title),
-        "told": "" if scene.steps else " open",
+        "unfolded": "" if scene.steps else " open",
         "notes": "".join(f"<p>{html.escape(note)}</p>" for note in scene.notes),
         "meshcat": _meshcat(),
         "scene": json.dumps(content, separators=(",", ":")).replace("<", "\\u003c"),

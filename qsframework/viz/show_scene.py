@@ -49,10 +49,21 @@ def show_scene(
     missed: Residuals | None = None,
     commanded: bool = False,
 ) -> Scene:
-    """Every pose of the plan as a step of the slider, at parameters x (nominal unless said).
+    """A 3D scene: every pose of the plan as a step of the slider.
 
-    scale: factor of the deflection, the ellipsoids and the residuals. InputError unless it is above 0.
-    commanded: the deflection is from where a rigid arm would stand, as a compensation counts it, not from the unloaded
+    Args:
+        experiment: the campaign.
+        plan: its plan.
+        x: (p,) parameters of the model, SI; nominal if None.
+        scale: magnification of the deflection, the ellipsoids and the residuals.
+        missed: residuals to draw.
+        commanded: the deflection is from where a rigid arm would stand, as a compensation counts it.
+
+    Returns:
+        The scene; `.html()` is a self-contained page.
+
+    Raises:
+        InputError: unless scale is above 0.
     """
     if not (np.isfinite(scale) and scale > 0.0):
         raise InputError(f"scale must be above 0, found {scale:g}")

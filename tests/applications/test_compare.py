@@ -16,7 +16,7 @@ from qsframework.applications.robot_from_fit import with_fit
 from qsframework.applications.stiffness import stiffness_at
 from qsframework.applications.task import Task, load_task
 from qsframework.cli.main import app
-from qsframework.design import Wish, design
+from qsframework.design import DesignOptions, design
 from qsframework.elastostatics import equilibrium
 from qsframework.errors import InputError
 from qsframework.estimation import FitOptions
@@ -104,8 +104,10 @@ def test_the_error_after_compensation_is_found_in_simulation(result: Comparison,
     tool = tool_of(r.robot, task.tool)
     experiment, model = campaign_of(r.robot, task, tool), tip_model(r.robot, tool)
     work = Poses(r.pendant, r.robot.controller.to_joints(r.pendant), task.wrenches)
-    wish = Wish(criterion="I", efficiency=0.99, polish=False)
-    plan = design(experiment, task.campaign.poses, candidates=task.campaign.candidates, wish=wish, test_poses=work)
+    options = DesignOptions(criterion="I", efficiency=0.99, polish=False)
+    plan = design(
+        experiment, task.campaign.poses, candidates=task.campaign.candidates, options=options, test_poses=work
+    )
     true = equilibrium(model, work).tip - equilibrium(model, work, loaded=False).tip
     assert np.allclose(np.linalg.norm(true, axis=1), r.task, rtol=1e-9)
     squared = []
@@ -284,7 +286,7 @@ def test_wrong_fits(root: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"joint_compliance\[joint_3\] is beyond its bounds.*within bounds"):
         with_fit(robot, bad)
     extra = replace(fit, estimates=(*fit.estimates, estimate("frame[s].x", 0.0, 1.0)))
-    left = "estimates that are no effects of its robot.yaml are left out: frame[s].x"
+    left = "estimates that are no effects of its robot.yaml are omitted: frame[s].x"
     assert with_fit(robot, extra)[1] == (ALONE, left)
 
 

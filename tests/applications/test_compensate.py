@@ -232,15 +232,15 @@ def test_the_uncertainty_of_the_load_counts(m900ib: Experiment, tmp_path: Path) 
 
 
 def test_unloaded_reference(m900ib: Experiment, targets: Targets) -> None:
-    """Taught with an empty hand: the loaded arm stands where the unloaded one stood at the taught angles."""
+    """LearnedLaw with an empty hand: the loaded arm stands where the unloaded one stood at the learned angles."""
     result = compensate(m900ib, exact_fit(m900ib), targets, "unloaded")
     x = m900ib.model().nominal
     q = m900ib.robot.controller.to_joints(targets.pendant)
     empty = equilibrium(m900ib.model(), Poses(targets.pendant, q, targets.wrench), x, loaded=False)
     error = stands(m900ib, result, x).position - empty.tip
     assert np.abs(error).max() < 1e-9
-    with pytest.raises(InputError, match="unknown reference 'taught'"):
-        compensate(m900ib, exact_fit(m900ib), targets, "taught")
+    with pytest.raises(InputError, match="unknown reference 'learned'"):
+        compensate(m900ib, exact_fit(m900ib), targets, "learned")
 
 
 def write_csv(path: Path, header: list[str], rows: Array) -> Path:

@@ -144,7 +144,7 @@ def write_krl(folder: Path, experiment: Experiment) -> Path:
     return folder / "drill.src"
 
 
-def wish(**more: object) -> ProgrammeOptions:
+def options(**more: object) -> ProgrammeOptions:
     stated = {"loads": {"": PULL}, "tools": {"3": TOOL}, "frames": {"2": FRAME}}
     return ProgrammeOptions(**{**stated, **more})
 
@@ -152,7 +152,7 @@ def wish(**more: object) -> ProgrammeOptions:
 @pytest.mark.parametrize("ends", ["\n", "\r\n"])
 def test_a_fanuc_programme(m900ib: Experiment, tmp_path: Path, ends: str) -> None:
     path = write_ls(tmp_path, m900ib, ends)
-    asked = wish(start=np.deg2rad(HOLE["fanuc"] + 2.0))
+    asked = options(start=np.deg2rad(HOLE["fanuc"] + 2.0))
     made = read_programme(path, m900ib, asked)
     assert [p.name for p in made.points] == ["P[1]", "P[2]", "P[3]"]
     assert np.allclose(np.rad2deg(made.targets.pendant[1]), HOLE["fanuc"], atol=1e-3)
@@ -184,7 +184,7 @@ def _numbers(cells: object) -> Array:
 
 def test_a_kuka_module(kuka: Experiment, tmp_path: Path) -> None:
     path = write_krl(tmp_path, kuka)
-    made = read_programme(path, kuka, wish(start=np.deg2rad(HOLE["kuka"])))
+    made = read_programme(path, kuka, options(start=np.deg2rad(HOLE["kuka"])))
     assert [(p.name, p.path.suffix, p.line) for p in made.points] == [
         ("line 8", ".src", 8),
         ("XP1", ".dat", 4),
@@ -200,14 +200,16 @@ def test_a_kuka_module(kuka: Experiment, tmp_path: Path) -> None:
         assert changed == ([7] if file.suffix == ".src" else [3, 4])
         file.write_text(text)
     assert "S 2,T 10,E1 0.0,E2 0.0" in texts[tmp_path / "drill.dat"]
-    back = read_programme(tmp_path / "drill.dat", kuka, wish(start=np.deg2rad(HOLE["kuka"])))
+    back = read_programme(tmp_path / "drill.dat", kuka, options(start=np.deg2rad(HOLE["kuka"])))
     assert np.abs(np.rad2deg(back.targets.pendant - result.pendant)).max() < 2e-4
     assert made.counts == {"corrected": 3, "kept": 0, "refused": 0}
 
 
 def test_points_that_are_kept_and_loads_of_their_own(m900ib: Experiment, tmp_path: Path) -> None:
     path = write_ls(tmp_path, m900ib)
-    made = read_programme(path, m900ib, wish(keep=("P[2]",), loads={"": PULL, "P[3]": 0.0 * PULL}, tools={}, frames={}))
+    made = read_programme(
+        path, m900ib, options(keep=("P[2]",), loads={"": PULL, "P[3]": 0.0 * PULL}, tools={}, frames={})
+    )
     assert made.targets.wrench[:, 1].tolist() == [500.0, 0.0]
     result = compensate(m900ib, exact_fit(m900ib), made.targets)
     text = corrected_texts(made, result, m900ib)[path]
@@ -219,7 +221,7 @@ SPOILED = {
     "no head": ("/PROG", "PROG", r"drill.ls, line 1: is no whole FANUC listing: /PROG is missing"),
     "no end": ("/END\n", "", r"line 1: is no whole FANUC listing: /END is missing"),
     "no positions": ("/POS\n", "", r"line 1: is no whole FANUC listing: /POS is missing"),
-    "not taught": (
+    "not learned": (
         "J2=    30.000 deg",
         "J2= ******** deg",
         r"line 18: P\[1\]: J2 is no number with its unit; found \*{8}",
@@ -256,7 +258,7 @@ def test_spoiled_listings(m900ib: Experiment, tmp_path: Path, spoiled: str) -> N
     assert old in path.read_text()
     path.write_text(path.read_text().replace(old, new, 1) if spoiled != "twice" else path.read_text().replace(old, new))
     with pytest.raises(InputError, match=words):
-        read_programme(path, m900ib, wish())
+        read_programme(path, m900ib, options())
 
 
 BROKEN = {
@@ -284,7 +286,7 @@ def test_broken_modules(kuka: Experiment, tmp_path: Path, broken: str) -> None:
     assert old in file.read_text()
     file.write_text(file.read_text().replace(old, new, 1))
     with pytest.raises(InputError, match=words):
-        read_programme(path, kuka, wish())
+        read_programme(path, kuka, options())
 
 
 def test_what_is_not_stated(m900ib: Experiment, kuka: Experiment, tmp_path: Path) -> None:
@@ -298,15 +300,15 @@ def test_what_is_not_stated(m900ib: Experiment, kuka: Experiment, tmp_path: Path
         ({"keep": ("P[1]", "P[2]", "P[3]")}, "every point is to be kept"),
     ):
         with pytest.raises(InputError, match=words):
-            read_programme(path, m900ib, wish(**more))
+            read_programme(path, m900ib, options(**more))
     module = write_krl(tmp_path, kuka).with_suffix(".dat")
     module.write_text(module.read_text().replace("DECL FDAT FP2", ";"))
     start = np.deg2rad(HOLE["kuka"])
     with pytest.raises(
         InputError, match=r"line 5: XP2 is a pose, and nobody states tool \(the point names no number\)"
     ):
-        read_programme(module, kuka, wish(start=start))
-    own = wish(start=start, tools={"3": TOOL, "XP2": TOOL}, frames={"xp2": FRAME})
+        read_programme(module, kuka, options(start=start))
+    own = options(start=start, tools={"3": TOOL, "XP2": TOOL}, frames={"xp2": FRAME})
     assert np.allclose(np.rad2deg(read_programme(module, kuka, own).targets.pendant[2]), HOLE["kuka"], atol=1e-3)
 
 
@@ -436,7 +438,7 @@ def test_a_programme_of_another_maker(kuka: Experiment, m900ib: Experiment, tmp_
     ):
         (tmp_path / name).write_text(text)
         with pytest.raises(InputError, match=words):
-            read_programme(tmp_path / name, experiment, wish())
+            read_programme(tmp_path / name, experiment, options())
 
 
 REFUSED = {
@@ -466,8 +468,8 @@ def test_motions_that_are_not_corrected_are_refused_and_may_be_kept(
     assert old in text
     path.write_text(text.replace(old, new, 1))
     with pytest.raises(InputError, match=words) as error:
-        read_programme(path, m900ib, wish())
+        read_programme(path, m900ib, options())
     keep = tuple(p.argument[1].strip("'") for p in error.value.problems[1:] if p.argument is not None)
-    made = read_programme(path, m900ib, wish(keep=keep))
+    made = read_programme(path, m900ib, options(keep=keep))
     assert made.counts["kept"] == 1
     assert sum(made.counts.values()) == 3

@@ -20,7 +20,7 @@ from qsframework.applications.ordering import with_repeats
 from qsframework.applications.programme import make_programme
 from qsframework.applications.protocol import (
     Protocol,
-    ProtocolWish,
+    ProtocolOptions,
     floor_file,
     make_protocol,
     write_floor_file,
@@ -121,17 +121,17 @@ def test_the_order_of_the_day(m900ib: Experiment, plan: Plan, protocol: Protocol
         assert kinds == (halves if visit.pose in protocol.repeated else plain)
     order = [v.pose for v in protocol.visits]
     assert [v.pose for v in make_protocol(m900ib, plan).visits] == order
-    assert [v.pose for v in make_protocol(m900ib, plan, ProtocolWish(seed=1)).visits] != order
+    assert [v.pose for v in make_protocol(m900ib, plan, ProtocolOptions(seed=1)).visits] != order
     kept = make_protocol(m900ib, replace(plan, repeats=(3,) * 4 + (1,) * 8))
     assert len(kept.visits) == 4 * 3 + 8, "the plan has its own repeats"
 
 
 @pytest.mark.parametrize("order", ["random", "plan", "shortest"])
 def test_the_exported_programme_drives_in_the_order_of_the_sheet(m900ib: Experiment, plan: Plan, order: str) -> None:
-    wish = ProtocolWish(order=order, seed=3)
-    programme = make_programme(m900ib, with_repeats(plan, wish.repeat_share, 3), order, 3)
+    options = ProtocolOptions(order=order, seed=3)
+    programme = make_programme(m900ib, with_repeats(plan, options.repeat_share, 3), order, 3)
     stops = [(m.pose, m.repeat) for m in programme.moves if m.measured]
-    assert stops == [(v.pose, v.repeat) for v in make_protocol(m900ib, plan, wish).visits]
+    assert stops == [(v.pose, v.repeat) for v in make_protocol(m900ib, plan, options).visits]
 
 
 def test_the_table_is_in_the_measured_order(protocol: Protocol, tmp_path: Path) -> None:
@@ -299,7 +299,7 @@ def test_drive_states(m900ib: Experiment, protocol: Protocol, tmp_path: Path) ->
 
 
 def test_what_was_not_measured_is_said(m900ib: Experiment, plan: Plan, tmp_path: Path) -> None:
-    bare = make_protocol(m900ib, plan, ProtocolWish(cycles=1, repeat_share=0.0, half=False))
+    bare = make_protocol(m900ib, plan, ProtocolOptions(cycles=1, repeat_share=0.0, half=False))
     path = fill(m900ib, bare, tmp_path)
     lines = path.read_text().splitlines()
     keep = [i for i, row in enumerate(csv.DictReader(lines[1:]), start=2) if row["cycle"] == "1"]
@@ -312,9 +312,9 @@ def test_what_was_not_measured_is_said(m900ib: Experiment, plan: Plan, tmp_path:
 
 def test_wrong_wishes(m900ib: Experiment, plan: Plan) -> None:
     with pytest.raises(InputError, match=r"unknown drive state 'off'; allowed: servo, brake"):
-        make_protocol(m900ib, plan, ProtocolWish(drive="off"))
+        make_protocol(m900ib, plan, ProtocolOptions(drive="off"))
     with pytest.raises(InputError, match=r"share of repeats; found 1.5; allowed: 0 to 1"):
-        make_protocol(m900ib, plan, ProtocolWish(repeat_share=1.5))
+        make_protocol(m900ib, plan, ProtocolOptions(repeat_share=1.5))
     with pytest.raises(InputError, match=r"F: no load at p01, p02"):
         make_protocol(m900ib, replace(plan, wrench=np.zeros((12, 6))), file="F")
     with pytest.raises(InputError, match=r"pose 'p01': the load is above the wrist's payload"):
@@ -351,12 +351,12 @@ def sheet_of(experiment: Experiment, protocol: Protocol, folder: Path) -> str:
 def test_pages_break_between_loads(m900ib: Experiment, plan: Plan, tmp_path: Path) -> None:
     """Loads that come in blocks begin a page each; mixed ones, as in a random order, fill the pages."""
     two = replace(plan, load=("a",) * 8 + ("b",) * 4)
-    day = make_protocol(m900ib, two, ProtocolWish(order="plan", repeat_share=0.0))
+    day = make_protocol(m900ib, two, ProtocolOptions(order="plan", repeat_share=0.0))
     page = sheet_of(m900ib, day, tmp_path)
     sections = re.findall(r'<section[^>]* class="load( new-page)?">\n<h2>Load: (\w)</h2>', page)
     assert sections == [(" new-page", "a"), (" new-page", "b")]
     mixed = replace(plan, load=("a", "b") * 6)
-    day = make_protocol(m900ib, mixed, ProtocolWish(order="plan", repeat_share=0.0))
+    day = make_protocol(m900ib, mixed, ProtocolOptions(order="plan", repeat_share=0.0))
     sections = re.findall(r'<section[^>]* class="load( new-page)?">', sheet_of(m900ib, day, tmp_path))
     assert sections == [" new-page", *[""] * 11]
 

@@ -61,6 +61,6 @@ def test_what_nobody_states_is_not_in_the_expected_error_and_is_named(tmp_path: 
     assert np.all(plain.sd < 0.2 * stated.sd)
     assert "in the base frame they are not known, for nobody states how well " in notes
     assert "counted as known exactly, for nobody states their sd: " in notes
-    aside = {entry.name for entry in fit.left_aside}
+    aside = {entry.name for entry in fit.not_estimated}
     assert {h.name for h in fit.held} == aside
     assert any(name in notes for name in aside)

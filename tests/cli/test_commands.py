@@ -81,7 +81,7 @@ def test_design_simulate_identify(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "p.json").read_text())["certificate"]["relaxed_efficiency"] >= 0.9999
     run("simulate", M900IB, plan, "-o", readings, "--truth", "drawn", "--seed", "3", "--json", str(tmp_path / "s.json"))
     output = run("identify", M900IB, readings, "--json", fit, "--report", report)
-    assert "leave-one-pose-out" in output
+    assert "held-out (leave one pose out)" in output
     result = json.loads(Path(fit).read_text())
     truth = json.loads((tmp_path / "s.json").read_text())["truth"]
     for name, e in result["estimates"].items():
@@ -218,10 +218,10 @@ def test_design_on_three_robots(file: str, tmp_path: Path) -> None:
         str(tmp_path / "plan.json2"),
     )
     assert "is certified to an efficiency of" in output
-    assert "the tip is known to" in output
+    assert "predicted tip uncertainty after calibration: " in output
     assert "poses tried, 200 allowed" in output
     page = (tmp_path / "plan.html").read_text()
-    assert "Standard deviation that each plan promises" in page
+    assert "Predicted standard deviation of each plan" in page
     assert "certified to an efficiency" in page
     certificate = json.loads((tmp_path / "plan.json2").read_text())["certificate"]
     assert certificate["relaxed_efficiency"] >= 0.9999

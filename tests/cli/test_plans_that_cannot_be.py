@@ -58,7 +58,10 @@ def designed(folder: Path, text: str, *more: str) -> str:
         (
             "fit: [geometry]",
             'fit: [geometry, "joint_offset[joint_1]"]',
-            ("joint_offset[joint_1]: absorbed by frame[front].rz", "State where the base is in the tracker's frame"),
+            (
+                "joint_offset[joint_1]: confounded with frame[front].rz",
+                "State where the base is in the tracker's frame",
+            ),
         ),
         (
             "fit: [geometry]\n",
@@ -68,7 +71,7 @@ def designed(folder: Path, text: str, *more: str) -> str:
         (
             "fit: [geometry]",
             'fit: [geometry, "joint_compliance[joint_1]"]',
-            ("no plan of these readings tells joint_compliance[joint_1]", "springs need `loads`"),
+            ("no plan of these readings identifies joint_compliance[joint_1]", "springs need `loads`"),
         ),
     ],
     ids=["unseen", "gauge", "dial gauge", "springs"],

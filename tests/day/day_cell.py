@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from qsframework.applications.day import Day, Judged, Slot, begin, decide, enter
-from qsframework.applications.protocol import ProtocolWish
+from qsframework.applications.protocol import ProtocolOptions
 from qsframework.elastostatics.so3 import exponential
 from qsframework.experiment import Experiment, Plan, make_plan
 from qsframework.experiment.simulate import prior_draws
 from qsframework.plugin import Array, Poses
 
-SHORT = ProtocolWish(cycles=1, half=False, repeat_share=0.0)
+SHORT = ProtocolOptions(cycles=1, half=False, repeat_share=0.0)
 """Unloaded, loaded, unloaded at every pose."""
 MARKERS = ("m1", "m2", "m3")
 SIGMA = 3e-5

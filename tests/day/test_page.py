@@ -22,7 +22,7 @@ import pytest
 from headless import browser
 
 from qsframework.applications.day import Slot, begin, enter
-from qsframework.applications.protocol import ProtocolWish
+from qsframework.applications.protocol import ProtocolOptions
 from qsframework.experiment import Experiment, load_experiment, write_plan
 from qsframework.plugin import Array
 
@@ -227,8 +227,8 @@ def test_a_plan_of_another_robot_is_refused(folder: Path) -> None:
 
 def test_a_watched_folder_says_a_line_for_every_state(folder: Path) -> None:
     experiment = load_experiment(folder / "experiment.yaml")
-    wish = ProtocolWish(cycles=1, half=False, repeat_share=0.0)
-    day = begin(experiment, cell.make_day_plan(experiment), folder / "other", wish)
+    options = ProtocolOptions(cycles=1, half=False, repeat_share=0.0)
+    day = begin(experiment, cell.make_day_plan(experiment), folder / "other", options)
     arm, rng = cell.draw_arm(experiment, 4)
     exports = folder / "exports"
     exports.mkdir()
@@ -346,8 +346,8 @@ def test_a_whole_day_in_a_browser_with_eight_mistakes(tmp_path: Path) -> None:
     experiment = load_experiment(path)
     plan = cell.make_day_plan(experiment, 5, loads=2)
     write_plan(tmp_path / "plan.csv", plan, experiment)
-    wish = ProtocolWish(cycles=1, half=False, repeat_share=0.0)
-    day = begin(experiment, plan, tmp_path / "same", wish)  # the protocol of the day, to be measured
+    options = ProtocolOptions(cycles=1, half=False, repeat_share=0.0)
+    day = begin(experiment, plan, tmp_path / "same", options)  # the protocol of the day, to be measured
     arm, rng = cell.draw_arm(experiment, 11)
     server = Server(tmp_path)
     page = Browser(tmp_path / "profile", server.address)
@@ -410,7 +410,7 @@ def test_a_whole_day_in_a_browser_with_eight_mistakes(tmp_path: Path) -> None:
     assert not foreign
     lost = [e for e in errors if "ERR_CONNECTION" not in e and "Failed to load" not in e]  # while the server was dead
     assert not lost
-    done = begin(experiment, plan, tmp_path / "day", wish)
+    done = begin(experiment, plan, tmp_path / "day", options)
     assert done.next is None
     assert len(done.record.rows) == 10 * 3 * 3
     assert not done.mistakes

@@ -18,8 +18,8 @@ from qsframework.applications.day.day import reread
 from qsframework.applications.day.entry import Unconfirmed, enter_file, enter_text, read_positions
 from qsframework.applications.day.floor import enter_floor
 from qsframework.applications.day.record import Entry, as_json, delivery, opened
-from qsframework.applications.day.so_far import accepted, diagnosis_so_far, promised_sd, so_far
-from qsframework.applications.protocol import ProtocolWish
+from qsframework.applications.day.so_far import accepted, diagnosis_so_far, predicted_sd, so_far
+from qsframework.applications.protocol import ProtocolOptions
 from qsframework.design import design
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, read_readings
@@ -222,7 +222,7 @@ def test_the_table_says_what_it_is_made_from_and_is_made_anew(m900ib: Experiment
 def test_a_folder_of_another_plan_is_refused(m900ib: Experiment, tmp_path: Path) -> None:
     played(m900ib, tmp_path, 3)
     with pytest.raises(InputError, match=r"this is a journal of .*, not of .*\. Name another folder with -o"):
-        begin(m900ib, cell.make_day_plan(m900ib, 2), tmp_path, ProtocolWish(cycles=1, repeat_share=0.0, seed=1))
+        begin(m900ib, cell.make_day_plan(m900ib, 2), tmp_path, ProtocolOptions(cycles=1, repeat_share=0.0, seed=1))
 
 
 @pytest.mark.parametrize(
@@ -355,7 +355,7 @@ def test_what_the_readings_tell_so_far(m900ib: Experiment, tmp_path: Path) -> No
     truth = dict(zip(m900ib.model().names, arm.x, strict=True))
     for told in so_far(day).told:
         assert abs(told.value - truth[told.name]) < 5.0 * told.sd
-    assert set(promised_sd(day)) == set(m900ib.fit_names())
+    assert set(predicted_sd(day)) == set(m900ib.fit_names())
     assert len(accepted(day)) == 24
     seen = diagnosis_so_far(day)
     assert seen is None or seen.verdict == "none"

@@ -8,7 +8,7 @@ from itertools import combinations, combinations_with_replacement, product
 import numpy as np
 import pytest
 
-from qsframework.design import Wish, design, generate_candidates
+from qsframework.design import DesignOptions, design, generate_candidates
 from qsframework.design.catalogue import find_criterion
 from qsframework.design.problem import make_problem, tip_rows
 from qsframework.experiment import Experiment
@@ -39,27 +39,27 @@ def test_no_plan_beats_the_bound(m900ib: Experiment, case: str, criterion: str) 
     first, second, more = ASKED[case]
     experiment = small(m900ib, first, second)
     candidates = generate_candidates(experiment, POSES, seed=3)
-    wish = Wish(criterion=criterion, polish=False, efficiency=0.999, **more)  # type: ignore[arg-type]
-    certificate = design(experiment, COUNT, candidates=candidates, wish=wish).certificate
+    options = DesignOptions(criterion=criterion, polish=False, efficiency=0.999, **more)  # type: ignore[arg-type]
+    certificate = design(experiment, COUNT, candidates=candidates, options=options).certificate
     assert certificate is not None
-    problem = make_problem(experiment, candidates, wish.budget or COUNT, budget=wish.budget is not None)
+    problem = make_problem(experiment, candidates, options.budget or COUNT, budget=options.budget is not None)
     M = information(problem.rows.take(np.arange(2 * POSES))[:, 0])
     rule = find_criterion(criterion, (), 3, tip_rows(experiment, None, candidates.pendant, FIT))
-    before = np.eye(3) if wish.prior else np.zeros((3, 3))
-    values = [float(rule.value(before + M[list(plan)].sum(axis=0))) for plan in plans(experiment, wish)]
+    before = np.eye(3) if options.prior else np.zeros((3, 3))
+    values = [float(rule.value(before + M[list(plan)].sum(axis=0))) for plan in plans(experiment, options)]
     best = min(values)
     assert certificate.relaxed_value * certificate.relaxed_efficiency <= best * (1 + 1e-9)
     assert certificate.value <= best * (1 + 1e-9), "the exchange found less than the best plan"
 
 
-def plans(experiment: Experiment, wish: Wish):  # type: ignore[no-untyped-def]
+def plans(experiment: Experiment, options: DesignOptions):  # type: ignore[no-untyped-def]
     """Every allowed plan, as candidates: pose i under load g is g * POSES + i."""
-    choose = combinations_with_replacement if wish.repeats else combinations
-    for sides in range(COUNT + 1 if wish.budget is None else 3):
-        weights = COUNT - sides if wish.budget is None else int(7.0 - 2.5 * sides + 1e-9)
+    choose = combinations_with_replacement if options.repeats else combinations
+    for sides in range(COUNT + 1 if options.budget is None else 3):
+        weights = COUNT - sides if options.budget is None else int(7.0 - 2.5 * sides + 1e-9)
         one, two = experiment.loads
         if (one.poses or weights) != weights or (two.poses or sides) != sides or weights < (one.poses_min or 0):
             continue
         for a, b in product(choose(range(POSES), min(weights, POSES)), choose(range(POSES), sides)):
-            if wish.repeats or not set(a) & set(b):
+            if options.repeats or not set(a) & set(b):
                 yield (*a, *(POSES + i for i in b))

@@ -15,7 +15,7 @@ from qsframework.experiment import Constraints, Experiment, read_plan, write_pla
 from qsframework.information import (
     Allowed,
     information,
-    promised_sd,
+    predicted_sd,
 )
 
 
@@ -77,7 +77,7 @@ def test_the_plan_beats_table_5(m900ib: Experiment, plan) -> None:  # type: igno
     from qsframework.experiment import example
 
     paper = read_plan(example("m900ib") / "table5.csv", m900ib)
-    ours, theirs = promised_sd(m900ib, plan), promised_sd(m900ib, paper)
+    ours, theirs = predicted_sd(m900ib, plan), predicted_sd(m900ib, paper)
     assert np.isinf(theirs[0])  # nothing loads joint 1
     assert np.isfinite(ours).all()
     assert np.all(ours[1:] < 1.1 * theirs[1:])

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from qsframework.design import Wish, design, generate_candidates
+from qsframework.design import DesignOptions, design, generate_candidates
 from qsframework.design.catalogue import find_criterion
 from qsframework.design.certified import _fill  # pyright: ignore[reportPrivateUsage]
 from qsframework.design.constraints import joint_range
@@ -40,26 +40,32 @@ def test_a_criterion_of_the_tip_needs_test_poses(rows: Array | None) -> None:
 
 
 @pytest.mark.parametrize(
-    ("wish", "poses", "words"),
+    ("options", "poses", "words"),
     [
-        (Wish(criterion="Ds"), 8, "needs the parameters of interest"),
-        (Wish(criterion="D", interest=("nothing",)), 8, "no parameter 'nothing'"),
-        (Wish(criterion="Ds", interest=("compensator_stiffness[joint_2].stiffness",)), 8, "that are not fitted"),
-        (Wish(criterion="D", solver="simplex"), 8, "unknown solver 'simplex'; allowed: columns, cvxpy"),
-        (Wish(criterion="D"), 2, "the loads ask for 3 poses in all, the plan has 2"),
-        (Wish(criterion="D"), 60, "too few candidates"),
-        (Wish(criterion="D", budget=9.0), 8, "with a budget the loads say poses_min"),
+        (DesignOptions(criterion="Ds"), 8, "needs the parameters of interest"),
+        (DesignOptions(criterion="D", interest=("nothing",)), 8, "no parameter 'nothing'"),
+        (
+            DesignOptions(criterion="Ds", interest=("compensator_stiffness[joint_2].stiffness",)),
+            8,
+            "that are not fitted",
+        ),
+        (DesignOptions(criterion="D", solver="simplex"), 8, "unknown solver 'simplex'; allowed: columns, cvxpy"),
+        (DesignOptions(criterion="D"), 2, "the loads ask for 3 poses in all, the plan has 2"),
+        (DesignOptions(criterion="D"), 60, "too few candidates"),
+        (DesignOptions(criterion="D", budget=9.0), 8, "with a budget the loads say poses_min"),
     ],
 )
-def test_wishes_that_cannot_be_met(m900ib: Experiment, few: Array, wish: Wish, poses: int, words: str) -> None:
+def test_wishes_that_cannot_be_met(
+    m900ib: Experiment, few: Array, options: DesignOptions, poses: int, words: str
+) -> None:
     with pytest.raises(InputError, match=words):
-        design(m900ib, poses, candidates=few, wish=wish)
+        design(m900ib, poses, candidates=few, options=options)
 
 
 def test_a_budget_with_costs_is_for_the_solver_columns(m900ib: Experiment, few: Array) -> None:
     dear = m900ib.with_(loads=tuple(replace(load, poses=None, cost=2.0) for load in m900ib.loads))
     with pytest.raises(InputError, match="a budget with costs needs the solver columns"):
-        design(dear, 8, candidates=few, wish=Wish(criterion="D", budget=16.0, solver="cvxpy"))
+        design(dear, 8, candidates=few, options=DesignOptions(criterion="D", budget=16.0, solver="cvxpy"))
 
 
 def test_experiments_that_cannot_be_designed_for(m900ib: Experiment, few: Array) -> None:
@@ -81,7 +87,12 @@ def test_loads_that_tell_too_little_are_named_before_any_optimisation(m900ib: Ex
 
 def test_an_efficiency_beyond_all_is_not_certified(m900ib: Experiment, few: Array) -> None:
     with pytest.raises(NotCertified, match="asked for"):
-        design(m900ib, 8, candidates=few, wish=Wish(criterion="D", efficiency=1.1, polish=False, solver="cvxpy"))
+        design(
+            m900ib,
+            8,
+            candidates=few,
+            options=DesignOptions(criterion="D", efficiency=1.1, polish=False, solver="cvxpy"),
+        )
 
 
 def test_limits_that_exclude_each_other(m900ib: Experiment) -> None:
@@ -132,7 +143,14 @@ def test_one_more_pose_by_the_determinant_lemma(k: int) -> None:
 
 def test_progress_is_told_step_by_step(m900ib: Experiment, few: Array) -> None:
     told: list[tuple[str, int, int]] = []
-    design(m900ib, 8, "D", candidates=few, progress=lambda *what: told.append(what), wish=Wish(criterion="D", starts=2))
+    design(
+        m900ib,
+        8,
+        "D",
+        candidates=few,
+        progress=lambda *what: told.append(what),
+        options=DesignOptions(criterion="D", starts=2),
+    )
     steps = list(dict.fromkeys(step for step, _, _ in told))
     assert steps[0] == "sensitivities"
     assert steps[-1] == "polish"

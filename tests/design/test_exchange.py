@@ -132,7 +132,7 @@ def test_what_is_known_before_counts() -> None:
 def test_rows_that_tell_too_little() -> None:
     blind = rows_of(6)
     blind[..., 2] = 0.0
-    with pytest.raises(NotIdentifiable, match="no plan of 4 poses tells all 3 parameters apart"):
+    with pytest.raises(NotIdentifiable, match="no plan of 4 poses identifies all 3 parameters"):
         exchange(blind, Determinant(), Quotas((np.arange(11),), (4,), np.arange(11)), None, 3, np.random.default_rng(0))
 
 

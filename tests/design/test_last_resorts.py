@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from qsframework.design import Wish, design, generate_candidates, problem
+from qsframework.design import DesignOptions, design, generate_candidates, problem
 from qsframework.design.column_generation import solve_columns
 from qsframework.design.criteria import SMOOTHING, Criterion, Determinant, Expansion, Linear
 from qsframework.design.exact import Quotas, exchange
@@ -35,9 +35,9 @@ def blind() -> Array:
 
 def test_neither_solver_designs_for_parameters_that_are_one() -> None:
     for criterion in (Determinant(), Linear()):
-        with pytest.raises(NotIdentifiable, match="cannot tell all parameters apart"):
+        with pytest.raises(NotIdentifiable, match="do not identify all parameters"):
             solve_columns(make_task(as_rows(blind()), Robust(criterion), everything(150)), np.random.default_rng(0))
-    with pytest.raises(NotIdentifiable, match="all candidates together cannot tell"):
+    with pytest.raises(NotIdentifiable, match="all candidates together do not identify"):
         relax(blind(), Determinant(), everything(150))
 
 
@@ -107,8 +107,8 @@ def few(m900ib: Experiment) -> Array:
 def test_rows_too_many_to_hold_are_made_again_for_the_same_plan(
     m900ib: Experiment, few: Array, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    wish = Wish(criterion="D", polish=False, starts=3)
-    held = design(m900ib, 10, candidates=few, wish=wish)
+    options = DesignOptions(criterion="D", polish=False, starts=3)
+    held = design(m900ib, 10, candidates=few, options=options)
     made: list[int] = []
     rows_at = problem.DesignProblem.rows_at
 
@@ -118,7 +118,7 @@ def test_rows_too_many_to_hold_are_made_again_for_the_same_plan(
 
     monkeypatch.setattr(problem, "HELD_BYTES", 0)
     monkeypatch.setattr(problem.DesignProblem, "rows_at", counted)
-    again = design(m900ib, 10, candidates=few, wish=wish)
+    again = design(m900ib, 10, candidates=few, options=options)
     assert np.array_equal(held.pendant, again.pendant)
     assert sum(made) > 2 * len(few)
 
@@ -128,7 +128,10 @@ def test_a_parameter_that_few_candidates_tell_is_found(m900ib: Experiment) -> No
     rare = generate_candidates(m900ib, 8, seed=5).pendant
     many = np.concatenate([np.tile(rare[:1], (5000, 1)), rare])
     plan = design(
-        m900ib, 9, candidates=many, wish=Wish(criterion="D", repeats=True, polish=False, starts=3, efficiency=0.99)
+        m900ib,
+        9,
+        candidates=many,
+        options=DesignOptions(criterion="D", repeats=True, polish=False, starts=3, efficiency=0.99),
     )
     assert len(np.unique(plan.pendant, axis=0)) > 2
 
@@ -136,17 +139,17 @@ def test_a_parameter_that_few_candidates_tell_is_found(m900ib: Experiment) -> No
 def test_a_plan_of_too_few_poses_is_refused(m900ib: Experiment, few: Array) -> None:
     """One marker under one pull: three numbers for six springs."""
     one = m900ib.with_(loads=(replace(m900ib.loads[1], poses=None),), markers=m900ib.markers[:1])
-    with pytest.raises(NotIdentifiable, match="no plan of 1 poses tells all 6 parameters apart"):
-        design(one, 1, candidates=few, wish=Wish(criterion="D"))
+    with pytest.raises(NotIdentifiable, match="no plan of 1 poses identifies all 6 parameters"):
+        design(one, 1, candidates=few, options=DesignOptions(criterion="D"))
 
 
 def test_a_budget_that_buys_nothing_is_refused(m900ib: Experiment, few: Array) -> None:
     dear = m900ib.with_(loads=tuple(replace(load, poses=None, poses_min=3, cost=2.0) for load in m900ib.loads))
     with pytest.raises(InputError, match="the poses_min of the loads cost 12 in all, the budget is 5"):
-        design(dear, 8, candidates=few, wish=Wish(criterion="D", budget=5.0))
+        design(dear, 8, candidates=few, options=DesignOptions(criterion="D", budget=5.0))
     free = m900ib.with_(loads=tuple(replace(load, poses=None, poses_min=None, cost=2.0) for load in m900ib.loads))
     with pytest.raises(InputError, match=r"a budget of 1\.5 buys no plan that the loads allow"):
-        design(free, 8, candidates=few, wish=Wish(criterion="D", budget=1.5))
+        design(free, 8, candidates=few, options=DesignOptions(criterion="D", budget=1.5))
 
 
 def test_a_mapped_file_gives_the_same_design(tmp_path: Path) -> None:

@@ -9,14 +9,14 @@ import pytest
 
 from qsframework.design import design
 from qsframework.design.candidates import generate_candidates
-from qsframework.design.certified import Wish, relaxed_design
+from qsframework.design.certified import DesignOptions, relaxed_design
 from qsframework.design.criteria import Determinant
 from qsframework.design.minimax import Robust
 from qsframework.design.problem import make_problem
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Plan, load_experiment, simulate
 from qsframework.identify import identify
-from qsframework.information import promises
+from qsframework.information import predicted_uncertainties
 
 TEXT = """
 robot: ur10
@@ -55,7 +55,7 @@ def test_the_plan_is_certified_and_reads_positions_from_the_station(planned: tup
 
 def test_promised_sds_are_those_of_fits_and_of_their_scatter(planned: tuple[Experiment, Plan]) -> None:
     experiment, plan = planned
-    promised = {p.name: p.sd for p in promises(experiment, plan)}
+    promised = {p.name: p.sd for p in predicted_uncertainties(experiment, plan)}
     fits = [identify(experiment, simulate(experiment, plan, seed=s).readings) for s in range(DRAWS)]
     names = [e.name for e in fits[0].estimates if e.name in promised]
     assert len(names) == sum(np.isfinite(sd) for sd in promised.values()) == 20
@@ -73,19 +73,19 @@ def test_a_second_station_helps_and_costs(tmp_path: Path) -> None:
     """A budget of plain poses: the second station is set up only where it is worth its cost."""
     both = TEXT.replace("fit:", "  west: {xyz_mm: [-3000, -500, 300], cost: 4}\nfit:")
     experiment = written(tmp_path, both)
-    wish = Wish(criterion="D", budget=16.0)
-    plan = design(experiment, 0, candidates=generate_candidates(experiment, 60, seed=0), wish=wish)
+    options = DesignOptions(criterion="D", budget=16.0)
+    plan = design(experiment, 0, candidates=generate_candidates(experiment, 60, seed=0), options=options)
     assert sum(plan.repeats) + 4 * ("west" in plan.station) <= 16
 
 
 def test_reflectors_on_other_links_and_on_the_floor_are_planned_and_fitted(tmp_path: Path) -> None:
-    """What the plan promises of their places is what a fit gives, though not every station sees each at every pose."""
+    """What the plan predicts of their places is what a fit gives, though not every station sees each at every pose."""
     more = "  elbow: {xyz_mm: [0, 60, 60], link: link_3}\n  floor: {xyz_mm: [900, 200, 0], link: base_link}\n"
     effects = "effects: [{effect: marker_offset, markers: all}]\nfit: [geometry, marker_offset]"
     experiment = written(tmp_path, TEXT.replace("noise:", f"{more}noise:").replace("fit: [geometry]", effects))
-    wish = Wish(criterion="D", polish=False)
-    plan = design(experiment, 16, candidates=generate_candidates(experiment, 100, seed=0), wish=wish)
-    promised = {p.name: p.sd for p in promises(experiment, plan)}
+    options = DesignOptions(criterion="D", polish=False)
+    plan = design(experiment, 16, candidates=generate_candidates(experiment, 100, seed=0), options=options)
+    promised = {p.name: p.sd for p in predicted_uncertainties(experiment, plan)}
     readings = simulate(experiment, plan, seed=1).readings
     assert 16 * 3 < len(readings) < 16 * 5
     fit = {e.name: e.sd for e in identify(experiment, readings).estimates}
@@ -111,7 +111,7 @@ def test_a_station_that_is_not_worth_its_frame_is_certified_all_the_same(tmp_pat
     problem = make_problem(experiment, candidates, 26.0, budget=True)
     wanted = np.eye(problem.reading.width)[:, problem.wanted.tolist()]
     rule = Robust(Determinant("D", "", wanted))
-    relaxed, _ = relaxed_design(problem, rule, Wish(criterion="D", budget=26.0), 0, lambda bound: None)
+    relaxed, _ = relaxed_design(problem, rule, DesignOptions(criterion="D", budget=26.0), 0, lambda bound: None)
     assert relaxed.efficiency > 1.0 - 1e-5
     share = np.bincount(problem.station(relaxed.index), relaxed.weights, 2)
     assert share[1] < 1e-3

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from qsframework.design import (
-    Wish,
+    DesignOptions,
     check_poses,
     design,
     filter_candidates,
@@ -24,7 +24,7 @@ from qsframework.errors import InputError, NotCertified, NotIdentifiable
 from qsframework.estimation import FitOptions, scales
 from qsframework.experiment import Experiment, Plan, PlanCertificate, example, read_plan, simulate, write_plan
 from qsframework.identify import identify
-from qsframework.information import predicted_sd, promised_sd
+from qsframework.information import predicted_sd, sd_of_poses
 
 
 def proof(plan: Plan) -> PlanCertificate:
@@ -40,14 +40,14 @@ def loads(experiment: Experiment, *changes: dict[str, object]) -> Experiment:
 
 @pytest.mark.parametrize("criterion", ["I", "G", "D", "A", "E", "O3"])
 def test_every_criterion_is_certified_and_kept_by_polish(m900ib: Experiment, criterion: str) -> None:
-    wish = Wish(criterion=criterion, efficiency=0.999, starts=4)
-    plan = design(m900ib, 12, candidates=150, wish=wish)
+    options = DesignOptions(criterion=criterion, efficiency=0.999, starts=4)
+    plan = design(m900ib, 12, candidates=150, options=options)
     c = proof(plan)
     assert c.relaxed_efficiency >= 0.999
     assert c.polished_from is not None
     assert 0.97 < c.polished_from <= 1.0
     assert c.efficiency >= c.polished_from - 1e-9
-    assert np.isfinite(promised_sd(m900ib, plan)).all()
+    assert np.isfinite(predicted_sd(m900ib, plan)).all()
     for name, allowed in check_poses(m900ib, m900ib.model(), plan.pendant).items():
         assert allowed.all(), name
     assert np.allclose(np.rad2deg(plan.pendant), np.round(np.rad2deg(plan.pendant), 6), atol=1e-9)
@@ -61,7 +61,8 @@ def test_each_criterion_is_best_at_what_it_says(m900ib: Experiment) -> None:
     candidates = generate_candidates(m900ib, 150)
     tip = tip_rows(m900ib, None, candidates.pendant, m900ib.fit_names())
     plans = {
-        c: design(m900ib, 12, candidates=candidates, wish=Wish(criterion=c, polish=False)) for c in ("I", "D", "A", "E")
+        c: design(m900ib, 12, candidates=candidates, options=DesignOptions(criterion=c, polish=False))
+        for c in ("I", "D", "A", "E")
     }
     for name, own in plans.items():
         rule = find_criterion(name, (), 6, tip)
@@ -101,11 +102,15 @@ def fit_covariance(experiment: Experiment, plan: Plan) -> np.ndarray:
 
 def test_loads_share_poses_freely_and_keep_their_minimum(m900ib: Experiment) -> None:
     free = design(
-        loads(m900ib, {"poses": None}, {"poses": None}), 12, "D", 150, wish=Wish(criterion="D", polish=False, starts=4)
+        loads(m900ib, {"poses": None}, {"poses": None}),
+        12,
+        "D",
+        150,
+        options=DesignOptions(criterion="D", polish=False, starts=4),
     )
-    stated = design(m900ib, 12, "D", 150, wish=Wish(criterion="D", polish=False, starts=4))
+    stated = design(m900ib, 12, "D", 150, options=DesignOptions(criterion="D", polish=False, starts=4))
     least = loads(m900ib, {"poses": None, "poses_min": 8}, {"poses": None})
-    kept = design(least, 12, "D", 150, wish=Wish(criterion="D", polish=False, starts=4))
+    kept = design(least, 12, "D", 150, options=DesignOptions(criterion="D", polish=False, starts=4))
     assert list(kept.load).count("weight") >= 8
     assert proof(free).value <= proof(kept).value <= proof(stated).value
     assert proof(kept).relaxed_efficiency > 0.9999
@@ -115,7 +120,7 @@ def test_loads_share_poses_freely_and_keep_their_minimum(m900ib: Experiment) -> 
 
 def test_a_load_may_get_no_pose(m900ib: Experiment) -> None:
     """Three poses are all taken by the load that asks for three; the other's candidates stay out."""
-    plan = design(m900ib, 3, "D", 150, wish=Wish(criterion="D", polish=False, starts=4))
+    plan = design(m900ib, 3, "D", 150, options=DesignOptions(criterion="D", polish=False, starts=4))
     assert set(plan.load) == {"weight_and_side_pull"}
     assert proof(plan).relaxed_efficiency > 0.9999
 
@@ -123,7 +128,7 @@ def test_a_load_may_get_no_pose(m900ib: Experiment) -> None:
 def test_a_budget_buys_the_better_plan(m900ib: Experiment) -> None:
     """Dear side pulls: the plan costs at most the budget, and no split of it that we try does better."""
     priced = loads(m900ib, {"poses": None}, {"poses": None, "cost": 4.0})
-    plan = design(priced, 1, "D", 150, wish=Wish(criterion="D", budget=20.0, polish=False, starts=4))
+    plan = design(priced, 1, "D", 150, options=DesignOptions(criterion="D", budget=20.0, polish=False, starts=4))
     sides = list(plan.load).count("weight_and_side_pull")
     weights = sum(plan.repeats) - sides
     assert weights + 4 * sides <= 20.0
@@ -131,17 +136,17 @@ def test_a_budget_buys_the_better_plan(m900ib: Experiment) -> None:
     assert 0.8 < proof(plan).efficiency <= 1.0
     for count in range(1, 5):
         fixed = loads(m900ib, {"poses": 20 - 4 * count}, {"poses": count})
-        other = design(fixed, 20 - 3 * count, "D", 150, wish=Wish(criterion="D", polish=False, starts=4))
+        other = design(fixed, 20 - 3 * count, "D", 150, options=DesignOptions(criterion="D", polish=False, starts=4))
         assert proof(plan).value <= proof(other).value * 1.01
     with pytest.raises(InputError, match="with a budget the loads say poses_min"):
-        design(loads(m900ib, {}, {"cost": 4.0}), 1, "D", 100, wish=Wish(criterion="D", budget=20.0))
+        design(loads(m900ib, {}, {"cost": 4.0}), 1, "D", 100, options=DesignOptions(criterion="D", budget=20.0))
 
 
 def test_repeats_are_counted(m900ib: Experiment) -> None:
-    plan = design(m900ib, 18, "D", 200, wish=Wish(criterion="D", repeats=True, polish=False, starts=4))
+    plan = design(m900ib, 18, "D", 200, options=DesignOptions(criterion="D", repeats=True, polish=False, starts=4))
     assert sum(plan.repeats) == 18
     assert max(plan.repeats) > 1
-    once = design(m900ib, 18, "D", 200, wish=Wish(criterion="D", polish=False, starts=4))
+    once = design(m900ib, 18, "D", 200, options=DesignOptions(criterion="D", polish=False, starts=4))
     assert set(once.repeats) == {1}
     assert proof(plan).value <= proof(once).value * (1 + 1e-9)
     assert proof(once).relaxed_value >= proof(plan).relaxed_value, "weights up to 1/n only: a nearer bound"
@@ -152,29 +157,33 @@ def test_what_was_taken_counts(m900ib: Experiment) -> None:
     weight = m900ib.with_(loads=m900ib.loads[:1])
     first = design(m900ib, 5, "D", 200)
     second = design(weight, 4, "D", 200, taken=(first,))
-    assert np.isinf(promised_sd(weight, second)[0])
+    assert np.isinf(predicted_sd(weight, second)[0])
     together = joint_sd(m900ib, [first, second])
     assert np.isfinite(together).all()
-    assert (together <= promised_sd(m900ib, first) * (1 + 1e-9)).all()
+    assert (together <= predicted_sd(m900ib, first) * (1 + 1e-9)).all()
     readings = simulate(m900ib, first).readings
-    assert np.allclose(joint_sd(m900ib, [readings]), promised_sd(m900ib, first), rtol=1e-9)
+    assert np.allclose(joint_sd(m900ib, [readings]), predicted_sd(m900ib, first), rtol=1e-9)
     with pytest.raises(NotIdentifiable, match="joint_1"):
         design(weight, 4, "D", 200)
-    design(weight, 4, "D", 200, wish=Wish(criterion="D", prior=True))  # the stated sds know joint 1
+    design(weight, 4, "D", 200, options=DesignOptions(criterion="D", prior=True))  # the stated sds know joint 1
 
 
 def test_interest_in_one_parameter(m900ib: Experiment) -> None:
     name = "joint_compliance[joint_6]"
     i = m900ib.fit_names().index(name)
-    of_it = design(m900ib, 12, candidates=150, wish=Wish(criterion="Ds", interest=(name,), polish=False, starts=4))
-    linear = design(m900ib, 12, candidates=150, wish=Wish(criterion="L", interest=(name,), polish=False, starts=4))
-    plain = design(m900ib, 12, candidates=150, wish=Wish(criterion="D", polish=False, starts=4))
-    assert promised_sd(m900ib, of_it)[i] < promised_sd(m900ib, plain)[i]
-    assert np.isclose(promised_sd(m900ib, of_it)[i], promised_sd(m900ib, linear)[i], rtol=0.02)
+    of_it = design(
+        m900ib, 12, candidates=150, options=DesignOptions(criterion="Ds", interest=(name,), polish=False, starts=4)
+    )
+    linear = design(
+        m900ib, 12, candidates=150, options=DesignOptions(criterion="L", interest=(name,), polish=False, starts=4)
+    )
+    plain = design(m900ib, 12, candidates=150, options=DesignOptions(criterion="D", polish=False, starts=4))
+    assert predicted_sd(m900ib, of_it)[i] < predicted_sd(m900ib, plain)[i]
+    assert np.isclose(predicted_sd(m900ib, of_it)[i], predicted_sd(m900ib, linear)[i], rtol=0.02)
     with pytest.raises(InputError, match="needs the parameters of interest"):
         design(m900ib, 12, "Ds", 100)
     with pytest.raises(InputError, match="no parameter 'joint_7'"):
-        design(m900ib, 12, candidates=100, wish=Wish(criterion="Ds", interest=("joint_7",)))
+        design(m900ib, 12, candidates=100, options=DesignOptions(criterion="Ds", interest=("joint_7",)))
 
 
 def test_a_robust_plan_suits_its_worst_sample(m900ib: Experiment) -> None:
@@ -191,11 +200,16 @@ def test_a_robust_plan_suits_its_worst_sample(m900ib: Experiment) -> None:
     candidates = generate_candidates(bent, 150)
     samples = draw_samples(bent.model(), 6, 0)
     worst = design(
-        bent, 14, candidates=candidates, wish=Wish(criterion="D", samples=6, worst=True, polish=False, starts=4)
+        bent,
+        14,
+        candidates=candidates,
+        options=DesignOptions(criterion="D", samples=6, worst=True, polish=False, starts=4),
     )
     rule = np.array([_d(bent, worst, x) for x in samples])
     assert np.isclose(rule.max(), proof(worst).value, rtol=1e-9)
-    mean = design(bent, 14, candidates=candidates, wish=Wish(criterion="D", samples=6, polish=False, starts=4))
+    mean = design(
+        bent, 14, candidates=candidates, options=DesignOptions(criterion="D", samples=6, polish=False, starts=4)
+    )
     assert np.isclose(np.mean([_d(bent, mean, x) for x in samples]), proof(mean).value, rtol=1e-9)
     assert proof(worst).relaxed_efficiency > 0.9999
 
@@ -211,7 +225,7 @@ def test_candidates_from_a_grid_and_a_file(m900ib: Experiment, tmp_path: Path) -
     assert grid.tried == 3**6
     lower = np.rad2deg(grid.pendant).min(axis=0)
     assert np.isclose(lower[1], -64.0, atol=0.02) or lower[1] >= -64.0
-    plan = design(m900ib, 8, "D", grid, wish=Wish(criterion="D", polish=False, starts=4))
+    plan = design(m900ib, 8, "D", grid, options=DesignOptions(criterion="D", polish=False, starts=4))
     assert all(np.abs(grid.pendant - q).max(axis=1).min() < 1e-12 for q in plan.pendant)
     write_plan(tmp_path / "poses.csv", plan, m900ib)
     again = read_candidates(m900ib, tmp_path / "poses.csv")
@@ -250,7 +264,7 @@ def test_given_candidates_are_checked(m900ib: Experiment) -> None:
     twice = generate_candidates(m900ib, 100)
     doubled = np.concatenate([twice.pendant, twice.pendant])
     first, second = (
-        design(m900ib, 12, "D", poses, wish=Wish(criterion="D", polish=False, repeats=True))
+        design(m900ib, 12, "D", poses, options=DesignOptions(criterion="D", polish=False, repeats=True))
         for poses in (twice, doubled)
     )
     assert np.isclose(proof(first).relaxed_value, proof(second).relaxed_value, rtol=1e-5)
@@ -258,17 +272,17 @@ def test_given_candidates_are_checked(m900ib: Experiment) -> None:
 
 def test_cvxpy_is_the_reference(m900ib: Experiment) -> None:
     ours, theirs = (
-        proof(design(m900ib, 12, candidates=60, wish=Wish(criterion="D", solver=s, polish=False, starts=4)))
+        proof(design(m900ib, 12, candidates=60, options=DesignOptions(criterion="D", solver=s, polish=False, starts=4)))
         for s in ("columns", "cvxpy")
     )
     assert np.isclose(ours.relaxed_value, theirs.relaxed_value, rtol=1e-5)
     assert theirs.solver == "CLARABEL"
     with pytest.raises(InputError, match="cvxpy takes up to 5000 candidates"):
-        design(m900ib, 12, candidates=3000, wish=Wish(criterion="D", solver="cvxpy"))
+        design(m900ib, 12, candidates=3000, options=DesignOptions(criterion="D", solver="cvxpy"))
     with pytest.raises(InputError, match="unknown solver"):
-        design(m900ib, 12, candidates=100, wish=Wish(criterion="D", solver="magic"))
+        design(m900ib, 12, candidates=100, options=DesignOptions(criterion="D", solver="magic"))
     with pytest.raises(NotCertified):
-        design(m900ib, 12, candidates=100, wish=Wish(criterion="D", efficiency=1.0 + 1e-5))
+        design(m900ib, 12, candidates=100, options=DesignOptions(criterion="D", efficiency=1.0 + 1e-5))
 
 
 def test_a_lopsided_criterion_warns(m900ib: Experiment) -> None:
@@ -278,9 +292,9 @@ def test_a_lopsided_criterion_warns(m900ib: Experiment) -> None:
     odd = m900ib.with_(robot=replace(robot, parameters=scaled))
     assert (
         "joint_compliance[joint_6]"
-        in proof(design(odd, 12, "A", 200, wish=Wish(criterion="A", polish=False, starts=4))).notes[0]
+        in proof(design(odd, 12, "A", 200, options=DesignOptions(criterion="A", polish=False, starts=4))).notes[0]
     )
-    assert not proof(design(odd, 12, "D", 200, wish=Wish(criterion="D", polish=False, starts=4))).notes
+    assert not proof(design(odd, 12, "D", 200, options=DesignOptions(criterion="D", polish=False, starts=4))).notes
 
 
 def test_minutes_of_a_plan_survive_its_file(m900ib: Experiment, tmp_path: Path) -> None:
@@ -291,4 +305,4 @@ def test_minutes_of_a_plan_survive_its_file(m900ib: Experiment, tmp_path: Path) 
 
 def test_the_paper_plan_promises_less(m900ib: Experiment) -> None:
     paper = read_plan(example("m900ib") / "table5.csv", m900ib)
-    assert np.isinf(predicted_sd(m900ib.model(), paper.poses, m900ib.fit_names(), 3e-5)[0])
+    assert np.isinf(sd_of_poses(m900ib.model(), paper.poses, m900ib.fit_names(), 3e-5)[0])

@@ -14,7 +14,7 @@ import pytest
 from qsframework.diagnose import Diagnosis, diagnose
 from qsframework.diagnose.linearization import candidates
 from qsframework.diagnose.linearization.candidates import find_causes
-from qsframework.diagnose.result import NamedCause, Rival, Status
+from qsframework.diagnose.result import AlternativeCause, NamedCause, Status
 from qsframework.diagnose.selection import model_selection
 from qsframework.diagnose.verdict import ambiguous
 from qsframework.errors import InputError, NotConverged
@@ -79,7 +79,7 @@ def test_causes_whose_fits_are_not_physical_are_not_named(
 ) -> None:
     """The two that fit best end beyond a bound: the next answer is taken, and neither is named."""
     few(monkeypatch, BEARINGS)
-    best = {narrow.findings[0].name, *(r.name for r in narrow.findings[0].rivals)}
+    best = {narrow.findings[0].name, *(r.name for r in narrow.findings[0].alternatives)}
     monkeypatch.setattr(model_selection, "_beyond", lambda fit: not best.isdisjoint(e.name for e in fit.model.effects))
     found = diagnose(campaign(), twisted, repeats=1)
     assert best.isdisjoint(f.name for f in found.findings)
@@ -94,7 +94,7 @@ def test_of_two_aliases_the_plausible_one_is_named_only_if_it_fits(
     few(monkeypatch, BEARINGS)
     name = narrow.findings[0].name
     names = [c.name for c in narrow.case.causes]
-    (rival,) = (r.name for r in narrow.findings[0].rivals)
+    (rival,) = (r.name for r in narrow.findings[0].alternatives)
 
     def prefer(wanted: str) -> None:
         monkeypatch.setattr(diagnose_module, "most_plausible", lambda library, i: names.index(wanted))
@@ -132,14 +132,14 @@ def test_an_error_that_markers_share_is_a_problem_of_the_data() -> None:
     assert diagnosis_json(quiet(3))["data_problems"] == []
 
 
-def finding(name: str, p_value: float, rivals: Sequence[str] = ()) -> NamedCause:
+def finding(name: str, p_value: float, alternatives: Sequence[str] = ()) -> NamedCause:
     return NamedCause(
         name=name,
         values=(),
         s=5.0,
         p_value=p_value,
         ebic_gain=9.0,
-        rivals=tuple(Rival(r, 0.1) for r in rivals),
+        alternatives=tuple(AlternativeCause(r, 0.1) for r in alternatives),
         hangs_on=(),
         physics="",
         check="",

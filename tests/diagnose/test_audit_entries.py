@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from qsframework.cli.diagnose import Asked as Wish, DiagnoseFiles, run_diagnose
+from qsframework.cli.diagnose import Asked as DesignOptions, DiagnoseFiles, run_diagnose
 from qsframework.diagnose import Diagnosis, diagnose
 from qsframework.diagnose.audit_entries import Audited, audited_of, audited_readings
 from qsframework.errors import InputError
@@ -55,7 +55,7 @@ def test_identify_on_the_extended_folder_agrees_with_the_diagnosis(real: Diagnos
         assert abs(e.value - real.extended.value(e.name)) < real.extended.sd(e.name), e.name
     told = (tmp_path / "out" / "experiment.yaml").read_text(encoding="utf-8")
     before = told[: told.index("\nnoise:\n")].splitlines()[-1]
-    assert before.startswith("# The noise is not stated; it was measured from")
+    assert before.startswith("# The noise is not stated; it was estimated from")
     assert "masked (use 0) as outliers" in told
     result = simulate(again, make_plan(pulls, ["load"] * len(pulls)), seed=3)
     left = result.readings.value - make_rows(result.readings).predict(again.model(), again.model().nominal)
@@ -66,7 +66,7 @@ def test_what_is_said_to_come_next_runs(tmp_path: Path, capsys: pytest.CaptureFi
     readings = tmp_path / "readings.csv"
     write_readings(readings, hardened().readings, campaign())
     files = DiagnoseFiles(experiment=campaign().path, data=(readings,), extend=tmp_path / "out")
-    run_diagnose(files, Wish(count=1))
+    run_diagnose(files, DesignOptions(count=1))
     told = [line for line in capsys.readouterr().out.splitlines() if line.startswith("next: ")]
     assert told == [f"next: qsf identify {tmp_path / 'out' / 'experiment.yaml'}"]
     again = load_experiment(tmp_path / "out" / "experiment.yaml")

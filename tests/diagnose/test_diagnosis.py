@@ -78,7 +78,7 @@ def test_the_r2000ic_joint_springs_are_not_the_whole_truth() -> None:
         if "compliance" in finding.name:
             assert all(v.value > 0.0 for v in finding.values)
     assert any(f.hangs_on for f in found.findings)
-    assert any(f.rivals for f in found.findings)
+    assert any(f.alternatives for f in found.findings)
 
 
 def test_bad_levels_and_masked_readings_are_refused() -> None:

@@ -15,8 +15,8 @@ from qsframework.diagnose import Diagnosis, diagnose
 from qsframework.diagnose.residuals.audited_rows import split_told
 from qsframework.diagnose.residuals.lack_of_fit import LackOfFit, arm_axes, variables_of
 from qsframework.diagnose.residuals.noise_components import visible
+from qsframework.diagnose.selection.alternatives import falls_of
 from qsframework.diagnose.selection.family_test import FamilyBlock, family_test
-from qsframework.diagnose.selection.rivals import falls_of
 from qsframework.diagnose.verdict import misfits, verdict_of
 from qsframework.discriminate.alternatives import _directions, _marker  # pyright: ignore[reportPrivateUsage]
 from qsframework.discriminate.follow_up import follow_up
@@ -25,7 +25,7 @@ from qsframework.discriminate.t_optimal import _left, told  # pyright: ignore[re
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
 from qsframework.estimation import Independent
 from qsframework.estimation.visit_noise import VisitNoise, reml
-from qsframework.experiment import bridge, make_rows
+from qsframework.experiment import make_rows, observation_model
 from qsframework.experiment.setup import StatedNoise
 from qsframework.forecast.effect_size import Bench
 from qsframework.forecast.forecast import Outlook, Prospect, Why
@@ -117,8 +117,8 @@ def test_readings_of_an_arm_without_load_tell_nothing() -> None:
     data = measured(count=6)
     still = data.with_poses(replace(data.poses, wrench=frozen(np.zeros((12, 6)))))
     with pytest.raises(NotIdentifiable, match="was the arm loaded"):
-        split_told(bridge(campaign(), still, linear=True))
-    told, lost = split_told(bridge(campaign(), data, linear=True))
+        split_told(observation_model(campaign(), still, linear=True))
+    told, lost = split_told(observation_model(campaign(), data, linear=True))
     assert len(told) == 6
     assert not lost
 
@@ -198,10 +198,10 @@ def test_what_no_place_explains_is_said_with_where_it_is_and_what_would_tell() -
     assert f"Look first at poses {worst[0]}, {worst[1]} and {worst[2]}, where most of it is" in said
     assert "stands out" not in said
     first, second = found.readings.line[:2]
-    assert f"Outliers left out: rows {first}, {second}." in said
+    assert f"Outliers, not used: rows {first}, {second}." in said
     (step, *_) = next_steps(found)
     assert step.do.startswith("Repeat 6 poses, such as ")
-    assert step.settles == "tells a noise that is larger than stated from what the model lacks"
+    assert step.settles == "separates a larger noise from an unmodelled effect"
 
 
 def test_an_arm_has_no_couplings_without_their_effect(monkeypatch: pytest.MonkeyPatch) -> None:

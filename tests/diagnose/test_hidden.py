@@ -107,7 +107,7 @@ def test_a_stopped_run_goes_on_and_ends_alike(tmp_path: Path) -> None:
 
 
 def _result(truth: str, causes: list[tuple[str, list[str]]], angles: dict[str, float]) -> dict[str, object]:
-    told = [{"id": name, "rivals": rivals} for name, rivals in causes]
+    told = [{"id": name, "alternatives": alternatives} for name, alternatives in causes]
     return {"truth": {"effects": [truth]}, "causes": told, "angles": [angles], "verdict": "explained"}
 
 
@@ -123,14 +123,18 @@ def test_how_answers_are_counted() -> None:
 
 
 def test_how_answers_of_the_second_generator_are_counted() -> None:
-    def result(name: str, *rivals: str, verdict: str = "explained") -> dict[str, object]:
-        return {"truth": ["gear[j2]"], "verdict": verdict, "findings": [{"name": name, "rivals": list(rivals)}]}
+    def result(name: str, *alternatives: str, verdict: str = "explained") -> dict[str, object]:
+        return {
+            "truth": ["gear[j2]"],
+            "verdict": verdict,
+            "findings": [{"name": name, "alternatives": list(alternatives)}],
+        }
 
     right, part, rival = result("gear[j2]"), result("gear[j2].sin"), result("gear[j3]", "gear[j2]")
     wrong, careful = result("gear[j22]"), result("gear[j3]", verdict="partly_explained")
     assert [second.named(r) for r in (right, part, rival, wrong, careful)] == [True, True, True, False, False]
     assert [second.wrong(r) for r in (right, part, rival, wrong, careful)] == [False, False, False, True, False]
-    unknown = {"truth": [], "verdict": "explained", "findings": [{"name": "gear[j2]", "rivals": []}]}
+    unknown = {"truth": [], "verdict": "explained", "findings": [{"name": "gear[j2]", "alternatives": []}]}
     assert second.wrong(unknown)
     spoken = {"place": "j2", "variable": "own torque", "said": [[["j2"], ["torque"]]]}
     assert not second.wrong(unknown | spoken), "a law of the library of the right place and variable is not wrong"

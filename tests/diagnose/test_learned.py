@@ -65,11 +65,11 @@ def found(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 
 def test_an_unknown_law_is_learned_with_its_place_and_variable(found: tuple[Diagnosis, str]) -> None:
     d, name = found
-    assert d.taught is not None, diagnosis_words(d)
-    assert d.taught.name == f"learned[{name}]"
-    assert d.taught.holds
-    assert d.taught.heldout < (2.0 if "torque" in name else 1.3) * 3e-5, "a corner is rounded off"
-    assert d.taught.heldout < 0.8 * d.rms.heldout_extended
+    assert d.learned is not None, diagnosis_words(d)
+    assert d.learned.name == f"learned[{name}]"
+    assert d.learned.holds
+    assert d.learned.heldout < (2.0 if "torque" in name else 1.3) * 3e-5, "a corner is rounded off"
+    assert d.learned.heldout < 0.8 * d.rms.heldout_extended
     assert f"As learned[{name}] its law was learned" in diagnosis_words(d)
     told = diagnosis_json(d)["learned"]
     assert (told["id"], told["written"]) == (f"learned[{name}]", True)
@@ -88,8 +88,8 @@ def knee(size: float) -> Hidden:
 def test_a_law_that_looks_like_one_of_the_library_says_which(tmp_path: Path) -> None:
     path = write_campaign(FORTY, noisy(FORTY, FORTY.clean(knee(FORTY.sized(knee, 20.0, 0.01, 20.0)))), tmp_path)
     d = diagnose(load_experiment(path), read_readings(load_experiment(path).data, load_experiment(path)), repeats=1)
-    assert d.taught is not None
-    first = d.taught.alike[0]
+    assert d.learned is not None
+    first = d.learned.alike[0]
     assert (first.name, first.here, first.turned) == ("joint_backlash[j3]", True, True)
     assert first.share > 0.85
     assert "looks most like joint_backlash[j3]: with a sign that it cannot have" in diagnosis_words(d)
@@ -98,8 +98,8 @@ def test_a_law_that_looks_like_one_of_the_library_says_which(tmp_path: Path) -> 
 
 def test_a_law_that_is_like_none_at_its_place_says_so(found: tuple[Diagnosis, str]) -> None:
     other, name = found
-    assert other.taught is not None
-    assert not [a for a in other.taught.alike if a.share > 0.9], name
+    assert other.learned is not None
+    assert not [a for a in other.learned.alike if a.share > 0.9], name
     nearest = "It looks most like joint_hardening[j3]" if "torque" in name else "No effect of the library at this place"
     assert nearest in diagnosis_words(other)
 
@@ -127,8 +127,8 @@ def test_the_extended_robot_predicts_poses_that_nobody_has_measured(
 
 def test_the_curve_and_the_report_show_the_law(found: tuple[Diagnosis, str], tmp_path: Path) -> None:
     d, name = found
-    assert d.taught is not None
-    seen = curve(d.taught, d.experiment.robot.facts)
+    assert d.learned is not None
+    seen = curve(d.learned, d.experiment.robot.facts)
     assert seen is not None
     assert np.all(seen.sd > 0.0)
     if "torque" not in name:
@@ -136,7 +136,7 @@ def test_the_curve_and_the_report_show_the_law(found: tuple[Diagnosis, str], tmp
         assert np.abs(rest - rest.mean()).max() < 0.2 * 5e-7 * seen.torque, "the spring takes what is constant"
     assert not d.findings, "a name that the law is far ahead of does not stand"
     page = write_report(tmp_path / "r.html", "Diagnosis", diagnosis_sections(d, [])).read_text()
-    assert f"Learned: {d.taught.name}".replace("/", "\\u002f") in page or f"Learned: {d.taught.name}" in page
+    assert f"Learned: {d.learned.name}".replace("/", "\\u002f") in page or f"Learned: {d.learned.name}" in page
 
 
 def test_nothing_is_learned_where_nothing_acts(tmp_path: Path) -> None:
@@ -145,7 +145,7 @@ def test_nothing_is_learned_where_nothing_acts(tmp_path: Path) -> None:
         campaign = Campaign(Setting(HEAVY, poses=16, seed=seed))
         path = write_campaign(campaign, noisy(campaign, campaign.clean(Hidden())), tmp_path / str(seed))
         experiment = load_experiment(path)
-        assert diagnose(experiment, read_readings(experiment.data, experiment), repeats=1).taught is None
+        assert diagnose(experiment, read_readings(experiment.data, experiment), repeats=1).learned is None
 
 
 def test_the_curve_of_the_example_is_what_was_hidden() -> None:
@@ -155,9 +155,9 @@ def test_the_curve_of_the_example_is_what_was_hidden() -> None:
     experiment = load_experiment(example("unknown_effect") / "experiment.yaml")
     d = diagnose(experiment, read_readings(experiment.data, experiment))
     assert not d.findings
-    assert d.taught is not None
-    assert (d.taught.name, d.taught.holds) == ("learned[j5/j4]", True)
-    seen = curve(d.taught, experiment.robot.facts)
+    assert d.learned is not None
+    assert (d.learned.name, d.learned.holds) == ("learned[j5/j4]", True)
+    seen = curve(d.learned, experiment.robot.facts)
     assert seen is not None
     hidden = np.cos(2.0 * seen.x + PHASE)
     hidden -= hidden.mean()
@@ -165,7 +165,7 @@ def test_the_curve_of_the_example_is_what_was_hidden() -> None:
     assert abs(height - 0.267e-6) < 0.05e-6
     assert np.all(np.abs(seen.motion[:, 0] - seen.torque * 0.267e-6 * hidden) < 3.5 * seen.sd)
     rows = make_rows(d.readings)
-    angle, said = dots(d.taught, rows.take(np.isin(rows.keep, d.kept)), seen)
+    angle, said = dots(d.learned, rows.take(np.isin(rows.keep, d.kept)), seen)
     truth = seen.torque * 0.267e-6 * (np.cos(2.0 * angle + PHASE) - np.cos(2.0 * seen.x + PHASE).mean())
     told = np.isfinite(said)
     assert told.mean() > 0.5
@@ -187,8 +187,8 @@ def test_the_shipped_second_day_settles_place_and_variable() -> None:
     both = diagnose(experiment, read_readings([folder / "first_day.csv", folder / "second_day.csv"], experiment))
     assert (both.places[0].law.part, both.places[0].law.place, both.places[0].law.by) == ("drive", "j5", ("j4",))
     assert both.places[0].share > 0.9
-    assert both.taught is not None
-    assert (both.taught.name, both.taught.holds) == ("learned[j5/j4]", True)
+    assert both.learned is not None
+    assert (both.learned.name, both.learned.holds) == ("learned[j5/j4]", True)
 
 
 @pytest.mark.parametrize(
@@ -302,19 +302,19 @@ def test_a_new_fit_pulls_the_weights_by_the_prior_of_their_effect(found: tuple[D
     """The extended campaign, identified again from the same readings, is the fit of the diagnosis; without readings
     that say more, weights stay where the prior holds them."""
     d, name = found
-    assert d.taught is not None
+    assert d.learned is not None
     write_extended(d, tmp_path / "out")
     extended = load_experiment(tmp_path / "out" / "experiment.yaml")
     weights = [p for p in extended.model().parameters if p.name.startswith(f"learned[{name}]")]
-    assert {p.pull for p in weights} == {d.taught.cause.prior}
+    assert {p.pull for p in weights} == {d.learned.cause.prior}
     assert {p.name for p in weights} <= set(extended.fit_names())
     fit = identify(extended, read_readings(extended.data, extended), options=FitOptions(bounds=False))
     assert {p.name for p in weights} <= set(fit.names)
     sd = {e.name: e.sd for e in fit.estimates}
-    prior = d.taught.cause.prior
+    prior = d.learned.cause.prior
     assert prior is not None
     assert all(sd[p.name] < 1.01 * prior for p in weights), "no weight is freer than its prior"
-    said = d.taught.fit.model.predict(d.readings.poses.take(d.readings.plus), d.taught.fit.x)
+    said = d.learned.fit.model.predict(d.readings.poses.take(d.readings.plus), d.learned.fit.x)
     again = fit.model.predict(d.readings.poses.take(d.readings.plus), fit.x)
     assert np.sqrt(np.mean(np.square(again - said))) < 0.5 * 3e-5, "the noise that was found was larger"
     few = identify(extended, some(read_readings(extended.data, extended), 5), options=FitOptions(bounds=False))

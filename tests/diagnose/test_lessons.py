@@ -9,7 +9,7 @@ import pytest
 from independent_arm import HEAVY
 
 from qsframework.diagnose.diagnose import _fits  # pyright: ignore[reportPrivateUsage]
-from qsframework.diagnose.learn import lessons
+from qsframework.diagnose.learn import law_trials
 from qsframework.diagnose.linearization.generic_blocks import generic_blocks, motions
 from qsframework.diagnose.result import Leftover
 from tests.diagnose.clean_fit import clean_fit
@@ -28,5 +28,5 @@ def test_a_law_must_outweigh_all_that_were_tried_and_no_draw_of_the_noise_may_lo
     fits = _fits(rows, rows.padded_noise.colour(fit.jacobian))
     values = fit.residuals.ravel() + 1e-5 * np.random.default_rng(1).standard_normal(fit.residuals.size)
     left = [Leftover(blocks[0].law, p, evidence)]
-    found = lessons(fit.model, blocks, left, tried, fits, values)
+    found = law_trials(fit.model, blocks, left, tried, fits, values)
     assert [x.leftover for x in found] == (left if learned else [])

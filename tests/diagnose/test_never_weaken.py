@@ -75,7 +75,7 @@ def test_a_gear_that_hardens_is_found_in_positions_in_an_unknown_frame(tmp_path:
     assert readings.is_position.all()
     found = diagnose(experiment, readings, repeats=1)
     assert found.verdict == "explained", diagnosis_words(found)
-    told = [(f.name, [r.name for r in f.rivals]) for f in found.findings]
+    told = [(f.name, [r.name for r in f.alternatives]) for f in found.findings]
     assert told == [("joint_hardening[j3]", [])], "place and law, alone"
     assert found.rms.heldout_extended < 0.75 * found.rms.heldout_identified
     assert fresh_errors(made, hidden, found).share > 0.9
@@ -105,9 +105,9 @@ def test_a_cause_of_no_library_is_placed_learned_and_gains(
     assert place_right(among(found), place), diagnosis_words(found)
     assert variable_right(among(found), place, variable), diagnosis_words(found)
     assert len(found.places) <= 4, "it is told where, not that it may be anywhere"
-    assert found.taught is not None
-    assert found.taught.name == name
-    assert found.taught.heldout < 0.75 * found.rms.heldout_extended
+    assert found.learned is not None
+    assert found.learned.name == name
+    assert found.learned.heldout < 0.75 * found.rms.heldout_extended
     write_extended(found, tmp_path / "extended")
     extended = load_experiment(tmp_path / "extended" / "experiment.yaml")
     assert name in {e.name for e in extended.model().effects}

@@ -74,7 +74,7 @@ def test_an_encoder_error_is_named_from_positions_in_an_unknown_frame(tmp_path: 
     assert [f.name for f in found.findings] == ["encoder_eccentricity[joint_3]"], diagnosis_words(found)
     for v in found.findings[0].values:
         assert abs(v.value - hidden[v.name]) < 4.0 * v.sd, v.name
-    assert found.findings[0].rivals == ()
+    assert found.findings[0].alternatives == ()
     assert found.rms.heldout_extended < 1.2 * SIGMA < found.rms.heldout_identified
 
 

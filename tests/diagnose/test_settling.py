@@ -59,7 +59,7 @@ def test_what_the_readings_do_not_tell_is_refused(readings: Readings) -> None:
     down[:12, 2] = -4000.0
     for wrench in (down, np.zeros((24, 6))):
         poses = replace(readings.poses, wrench=frozen(wrench))
-        with pytest.raises(NotIdentifiable, match="cannot tell the parameters"):
+        with pytest.raises(NotIdentifiable, match="do not identify the parameters"):
             fit(readings.with_poses(poses))
 
 

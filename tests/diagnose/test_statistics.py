@@ -13,12 +13,12 @@ from qsframework.diagnose.law import Law
 from qsframework.diagnose.linearization.candidates import REACH, find_causes
 from qsframework.diagnose.linearization.columns import Case, Subspace, plan_case
 from qsframework.diagnose.linearization.generic_blocks import Motions, generic_blocks, motions
-from qsframework.diagnose.selection.closing_gate import NamedEffect, contested, leftovers
+from qsframework.diagnose.selection.alternatives import alternative_set
+from qsframework.diagnose.selection.closing_gate import NamedEffect, leftovers, open_alternative
 from qsframework.diagnose.selection.evidence import TAUS, evidence
 from qsframework.diagnose.selection.family_test import FamilyBlock, chance, family_test, log_p_values
 from qsframework.diagnose.selection.influence import hangs_on
 from qsframework.diagnose.selection.model_selection import blocks_of
-from qsframework.diagnose.selection.rivals import rival_set
 from qsframework.diagnose.selection.search import Gram, Subset, make_gram, search
 from qsframework.estimation.noise import Independent, grouped
 from qsframework.estimation.visit_noise import RHOS, Reml, VisitNoise, reml
@@ -174,7 +174,7 @@ def test_the_set_of_rivals_covers_the_truth_and_is_small() -> None:
         falls = gram.falls((), gram.visible)
         order = [gram.visible[i] for i in np.argsort(-falls) if not _wrong(gram, gram.visible[i])]
         order = [i for i in order if i in seen]
-        members = {order[0], *rival_set(gram, order[0], (), {}, seed=run, without=groups)}
+        members = {order[0], *alternative_set(gram, order[0], (), {}, seed=run, without=groups)}
         covered.append(truth in members)
         sizes.append(len({tuple(np.round(subspaces[i].Q[:, 0], 6)) for i in members}))
     assert np.mean(covered) >= 0.93
@@ -314,10 +314,10 @@ def test_a_name_is_contested_by_the_law_that_made_the_readings_and_not_by_its_ow
     i = next(n for n, s in enumerate(subspaces) if s.cause.name == "joint_hardening[joint_3]")
     own = 8.0 * subspaces[i].Q[:, 0] * SIGMA
     right = NamedEffect("joint_hardening[joint_3]", case.metres(i), own)
-    kept = [contested(blocks, fits, SIGMA * noise_left(case, rng), right) for _ in range(5)]
+    kept = [open_alternative(blocks, fits, SIGMA * noise_left(case, rng), right) for _ in range(5)]
     assert kept.count(None) >= 4
     wrong = replace(right, effect=own / 8.0)  # what it can do of a coupling is little
-    seen = contested(blocks, fits, SIGMA * (noise_left(case, rng) + coupled(case, moved)), wrong)
+    seen = open_alternative(blocks, fits, SIGMA * (noise_left(case, rng) + coupled(case, moved)), wrong)
     assert seen is not None
     assert seen[0].law == Law("drive", "joint_5", ("others",))
 

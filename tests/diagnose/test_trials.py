@@ -54,7 +54,7 @@ def test_of_a_bearing_and_a_link_the_bearing_is_named_and_the_link_its_rival(mad
     found = made()
     (name,) = found.findings
     assert name.name == "offaxis_compliance[joint_4/z]", diagnosis_words(found)
-    assert {r.name: r.angle < np.deg2rad(1.0) for r in name.rivals}["link_compliance[link_3/rz]"]
+    assert {r.name: r.angle < np.deg2rad(1.0) for r in name.alternatives}["link_compliance[link_3/rz]"]
 
 
 def clipped(still: Rest) -> Array:

@@ -70,7 +70,7 @@ def test_the_verdict_is_one_sentence_with_all_that_matters(real: Diagnosis) -> N
     before, after = (1e3 * 3**0.5 * e for e in (real.rms.heldout_identified, real.rms.heldout_extended))
     assert f"{before:.3f} \u2192 {after:.3f} mm, {100 * real.rms.heldout_gain:.0f} % less (3D RMS" in said
     assert "something moves link_3 with the torque there (or the drive of joint_1)" in said
-    assert "; look first at: play of the main bearing" in said
+    assert "; check first: play of the main bearing" in said
     assert re.findall(r"\.(?= |$)", said) == ["."], "one sentence"
     assert diagnosis_words(real).startswith(said)
     assert diagnosis_json(real)["headline"] == said
@@ -92,7 +92,7 @@ def test_a_doubtful_name_never_stands_beside_a_certain_one(real: Diagnosis) -> N
     start = headline(found).partition(":")[0]
     assert doubtful not in start
     assert all(name in start for name in sure)
-    assert f"tells whether {doubtful} acts at all" in [s.settles for s in next_steps(found)]
+    assert f"shows whether {doubtful} is there at all" in [s.settles for s in next_steps(found)]
 
 
 def test_where_all_names_are_doubtful_none_is_said_to_explain(real: Diagnosis) -> None:
@@ -200,7 +200,7 @@ def test_all_places_are_told_where_it_may_be(real: Diagnosis) -> None:
         found = replace(real, leftovers=(Leftover(law, 1e-9, 20.0),), places=places)
         moves = f"something moves the bearing of joint_6 about x with where gravity points{words}, which"
         assert moves in headline(found)
-        told = "the bearing of joint_6 about x (50 %) or link_6 (50 %): in brackets the share of the evidence"
+        told = "the bearing of joint_6 about x (50 %) from link_6 (50 %): in brackets the share of the evidence"
         assert (told in diagnosis_words(found)) == (count == 1)
         assert [x["share"] for x in diagnosis_json(found)["places"]] == [x.share for x in places]
         assert len(place_table(found).rows) == len(places)
@@ -214,7 +214,7 @@ def test_places_of_the_same_motion_are_told_and_what_differs_at_each_visit(real:
     said = diagnosis_words(found)
     assert "something moves the drive of joint_1 differently at each visit" in headline(found)
     assert "it moves by 21 urad (1 sigma), otherwise at each visit" in said
-    assert "The same motion of the markers would come from base and link_1: a reflector or a gauge" in said
+    assert "Equivalent places: base and link_1. A reflector or a gauge" in said
     assert "Repeat 6 poses, each twice" in said
     (told,) = diagnosis_json(found)["places"]
     assert (told["equivalent"], told["sd"]) == (["base", "link_1"], 2.1e-5)
@@ -236,7 +236,7 @@ def test_the_likeliest_place_is_told_where_it_is_not_that_of_the_likeliest_law(r
 
 def test_one_marker_a_visit_is_said_with_what_it_hides(real: Diagnosis) -> None:
     """Unless somebody states how well the arm comes back."""
-    assert any("cannot be told from a marker's own" in note for note in method_words(real))
+    assert any("cannot be separated from a marker's own" in note for note in method_words(real))
     (step, *_) = next_steps(real)
     assert step.do.startswith("Repeat 6 poses, such as ")
     assert step.do.endswith(", or read more markers at each")
@@ -252,12 +252,12 @@ def test_with_few_poses_it_is_said_which_repeats_would_tell() -> None:
     assert step.do.startswith("Repeat 6 poses, such as ")
     named = step.do.removeprefix("Repeat 6 poses, such as ").split(", ")
     assert set(named) <= set(few.readings.states.pose)
-    assert "an error that the markers share" in step.settles
+    assert "repeatability" in step.settles
 
 
 def test_many_rivals_are_said_in_the_sentence(real: Diagnosis) -> None:
     def crowded(f: NamedCause) -> NamedCause:
-        return replace(f, rivals=f.rivals * 10, instead=None)
+        return replace(f, alternatives=f.alternatives * 10, instead=None)
 
     found = replace(real, leftovers=(), findings=tuple(crowded(f) for f in real.findings[:1]))
     assert "but offaxis_compliance[joint_4/z] could be any of 10 other causes" in headline(found)

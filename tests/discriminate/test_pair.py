@@ -165,7 +165,7 @@ def test_where_poses_cannot_help_another_marker_does(experiment, first_day):
     assert found.offers[0].s >= by_name["elbow marker"].s
     assert all(o.s < 0.2 for o in found.offers if o.name.startswith("load"))
     said = " ".join(discrimination_words(found))
-    assert "no more poses like these tell them apart" in said
+    assert "no more poses like these separate them" in said
     assert not found.useful
     assert "a marker on link_3" in said
     assert "No help" in said

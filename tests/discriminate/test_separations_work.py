@@ -1,4 +1,4 @@
-"""What would tell rivals apart costs less than the diagnosis did, by the work that is counted, not by a clock."""
+"""What would tell alternatives apart costs less than the diagnosis did, by the work that is counted, not by a clock."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_it_costs_less_than_the_diagnosis_however_many_names_have_rivals(count: 
     readings = measured((hidden,), truth, seed=1, count=count)
     with counted() as before:
         found = diagnose(campaign(), readings, repeats=1)
-    tied = [f for f in found.findings if f.rivals]
+    tied = [f for f in found.findings if f.alternatives]
     assert tied
     crowd = replace(found, findings=tuple(tied[:1] * (MOST + 2)))
     with counted() as after:

@@ -136,7 +136,7 @@ def test_a_parameter_without_end_is_not_converged() -> None:
         block=np.arange(6),
         row=np.arange(6),
     )
-    with pytest.raises(NotConverged, match=r"a: no end of its interval within .* the readings do not tell it"):
+    with pytest.raises(NotConverged, match=r"a: no end of its interval within .* the readings do not identify it"):
         profile_interval(flat, solve(flat), "a", PLAIN, 0.95)
 
 

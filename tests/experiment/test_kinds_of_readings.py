@@ -11,10 +11,10 @@ import pytest
 from qsframework.errors import InputError
 from qsframework.experiment import (
     Experiment,
-    bridge,
     differences,
     holds_states,
     load_experiment,
+    observation_model,
     read_readings,
     write_readings,
 )
@@ -135,7 +135,7 @@ def test_single_axes_may_be_missing(tmp_path: Path) -> None:
     of = experiment(tmp_path)
     found = read_readings(displaced(tmp_path, f"A,{A},{PULL},m1,,0.2,-2", f"B,{B},{PULL},m1,,,-2"), of)
     assert np.isfinite(found.value).tolist() == [[False, True, True], [False, False, True]]
-    assert len(bridge(of, found).observations().measured) == 3
+    assert len(observation_model(of, found).observations().measured) == 3
     refused(
         displaced(tmp_path, f"A,{A},{PULL},m1,,0.2,-2", f"B,{B},{PULL},m1,,,"),
         of,
@@ -153,9 +153,9 @@ def test_a_stated_frame_is_not_estimated(tmp_path: Path) -> None:
     """The same file: six unknowns of its frame, or none; and displacements are turned by it."""
     free, held = experiment(tmp_path), experiment(tmp_path, more=FRAME)
     path = placed(free, tmp_path)
-    seen = bridge(free, read_readings(path, free, "positions"))
+    seen = observation_model(free, read_readings(path, free, "positions"))
     assert [f.series for f in seen.frames] == ["S"]
-    known = bridge(held, read_readings(path, held, "positions"))
+    known = observation_model(held, read_readings(path, held, "positions"))
     assert known.frames == ()
     assert [p.name for p in known.parameters] == list(held.fit_names())
     (frame,) = (f for f in known.rows.readings.known if f is not None)
@@ -167,7 +167,7 @@ def test_a_stated_frame_is_not_estimated(tmp_path: Path) -> None:
     assert turned.alignments[0].turned
     assert turned.frame.tolist() == [0, 0, 0]
     other = placed(free, tmp_path, series="T")
-    assert [f.series for f in bridge(held, read_readings(other, held, "positions")).frames] == ["T"]
+    assert [f.series for f in observation_model(held, read_readings(other, held, "positions")).frames] == ["T"]
 
 
 @pytest.mark.parametrize("series", ["S", ""])
@@ -188,7 +188,7 @@ def test_differences_of_a_turned_series_are_read_back_as_they_were(stated: bool,
     assert back.value == pytest.approx(expected, abs=1e-12)
     assert back.value == pytest.approx(np.tile([0.0, 0.0, -2e-3], (3, 1)), abs=2e-6)  # the rigid arm sags a little
     names = of.fit_names()
-    one, other = (bridge(of, r, names) for r in (found, back))
+    one, other = (observation_model(of, r, names) for r in (found, back))
     said = [b.predict(b.start) for b in (one, other)]
     if not named:
         said[0] = (said[0].reshape(-1, 3) @ frame.rotation).ravel()
@@ -223,7 +223,7 @@ def test_too_few_points_hold_no_frame(poses: str, tmp_path: Path) -> None:
     path = placed(of, tmp_path, poses, load=False)
     found = read_readings(path, of, "positions")
     with pytest.raises(InputError) as caught:
-        bridge(of, found)
+        observation_model(of, found)
     for word in (
         str(path),
         "frame cannot be found",
@@ -232,7 +232,12 @@ def test_too_few_points_hold_no_frame(poses: str, tmp_path: Path) -> None:
         "frames: in the",
     ):
         assert word in str(caught.value), str(caught.value)
-    assert bridge(experiment(tmp_path, more=FRAME), read_readings(path, experiment(tmp_path, more=FRAME))).frames == ()
+    assert (
+        observation_model(
+            experiment(tmp_path, more=FRAME), read_readings(path, experiment(tmp_path, more=FRAME))
+        ).frames
+        == ()
+    )
 
 
 def test_points_on_one_line_hold_no_frame(tmp_path: Path) -> None:
@@ -241,7 +246,7 @@ def test_points_on_one_line_hold_no_frame(tmp_path: Path) -> None:
     rows = [f"P{k},0,20,-10,0,0,{k},,,,m1,unloaded,{900 + k},0,1000,S" for k in range(4)]
     path = table(tmp_path, "line.csv", STATES, *rows)
     with pytest.raises(InputError, match=r"4 .* of series 'S' lie at one point or on one line"):
-        bridge(of, read_readings(path, of))
+        observation_model(of, read_readings(path, of))
 
 
 # ------------------------------------------------------------------------------------------ noise

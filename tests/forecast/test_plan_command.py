@@ -39,7 +39,7 @@ def test_the_plan_is_judged_before_it_is_measured(plan_file, tmp_path, capsys):
     run_foresight(FILE, plan_file, tmp_path / "f.json", tmp_path / "f.html")
     said = capsys.readouterr().out
     assert "smallest size detected" in said
-    assert "absorbed by the fitted parameters" in said
+    assert "confounded with the fitted parameters" in said
     assert "thermal_expansion needs the column temperature" in said
     content = json.loads((tmp_path / "f.json").read_text())
     by_name = {c["id"]: c for c in content["causes"]}

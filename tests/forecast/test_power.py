@@ -116,7 +116,7 @@ def test_smaller_noise_and_more_poses_see_smaller_causes(experiment, foresight):
 
 def test_says_what_is_invisible_and_why(foresight):
     reasons = {p.name: why_words(p) for p in foresight.prospects if p.status is Outlook.INVISIBLE}
-    assert "absorbed by the fitted parameters" in reasons["load_scale"]
+    assert "confounded with the fitted parameters" in reasons["load_scale"]
     assert "no reading" in reasons["link_mass[link_2]"]
     assert {u.name: u.needs for u in foresight.untested}["tracker_drift"] == ("time", "time_unloaded")
     said = " ".join(foresight_words(foresight))

@@ -206,7 +206,7 @@ def test_the_reading_of_imports(source: str, names: list[str]) -> None:
 @pytest.mark.parametrize(
     ("source", "found"),
     [
-        ('import_module("qsframework.report.faces")', ["identify may not import report"]),
+        ('import_module("qsframework.report.views")', ["identify may not import report"]),
         ('importlib.import_module(f"qsframework.report.{name}")', ["identify may not import report"]),
         (
             'importlib.import_module(f"qsframework.{name}")',

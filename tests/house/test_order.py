@@ -109,7 +109,7 @@ SAYING = {
     "design/candidates.py: Candidates",
     "estimation/rank.py: RankTest",
     "identify/record.py: Masked",
-    "information/identifiable.py: LeftAside",
+    "information/identifiable.py: NotEstimated",
     "screening/convention_changes.py: ConventionChange",
     "screening/mistake.py: Mistake",
     "screening/rows.py: Finding",

@@ -14,7 +14,7 @@ import pytest
 from qsframework.elastostatics.so3 import exponential, left_jacobian, rotation_vector
 from qsframework.errors import InputError, NotIdentifiable
 from qsframework.estimation import FitOptions
-from qsframework.experiment import Experiment, Frame, Readings, bridge, load_experiment, read_readings
+from qsframework.experiment import Experiment, Frame, Readings, load_experiment, observation_model, read_readings
 from qsframework.experiment.frames import procrustes
 from qsframework.identify import identify
 from qsframework.identify.selection import choose
@@ -122,7 +122,7 @@ def test_the_stated_uncertainty_is_the_scatter(arm: Experiment) -> None:
     frames: list[float] = []
     for _ in range(20):
         fit = identify(arm, made_states(arm, x, 24, rng, SIGMA), fit_names, KEEP)
-        assert not fit.left_aside
+        assert not fit.not_estimated
         off += [(e.value - x[arm.model().index([e.name])[0]]) / e.sd for e in fit.estimates[12:]]
         for i, frame in enumerate(fit.frames):
             true = TRUE_FRAMES[frame.series]
@@ -138,16 +138,16 @@ def test_the_stated_uncertainty_is_the_scatter(arm: Experiment) -> None:
 def test_what_cannot_be_told_is_left_aside_and_named(arm: Experiment) -> None:
     rng = np.random.default_rng(5)
     fit = identify(arm, made_states(arm, true_arm(arm, rng), 80, rng, SIGMA), GEOMETRY, KEEP)
-    left = {entry.name: entry for entry in fit.left_aside}
-    assert left["joint_placement[joint_4].rz"].absorbed_by == ("joint_offset[joint_4]",)
-    assert left["joint_placement[joint_3].z"].absorbed_by == ("joint_placement[joint_2].z",)
+    left = {entry.name: entry for entry in fit.not_estimated}
+    assert left["joint_placement[joint_4].rz"].correlated_with == ("joint_offset[joint_4]",)
+    assert left["joint_placement[joint_3].z"].correlated_with == ("joint_placement[joint_2].z",)
     assert "joint_offset[joint_1]" in left, "the frame's turn"
     assert not set(left) & set(fit.names)
     assert set(left) | set(fit.names[12:]) == set(names_of(arm, GEOMETRY))
     assert fit.rank.full
     assert fit.rank.parameters == len(fit.names)
-    assert "absorbed by" in left["joint_placement[joint_4].rz"].words()
-    assert next(iter(fit.as_json()["left_aside"])) == fit.left_aside[0].name
+    assert "confounded with" in left["joint_placement[joint_4].rz"].words()
+    assert next(iter(fit.as_json()["not_estimated"])) == fit.not_estimated[0].name
 
 
 def test_columns_are_chosen_in_their_order() -> None:
@@ -157,7 +157,7 @@ def test_columns_are_chosen_in_their_order() -> None:
     taken, left = choose(rows, ["a", "b", "sum", "weak", "none"], np.array([10.0] * 5))
     assert taken == [0, 1]
     assert [entry.name for entry in left] == ["sum", "weak", "none"]
-    assert left[0].absorbed_by == ("b", "a")
+    assert left[0].correlated_with == ("b", "a")
     assert np.isinf(left[0].sd)
     assert left[1].sd == pytest.approx(1e3 / np.sqrt(48), rel=0.3)
     assert left[2].words() == "none: no reading depends on it"
@@ -200,7 +200,7 @@ def test_derivatives_against_differences(arm: Experiment, linear: bool) -> None:
     x = true_arm(arm, rng)
     states = made_states(arm, x, 6, rng, 0.0)
     names = names_of(arm, GEOMETRY + SPRINGS)
-    observed = bridge(arm, states, names, linear=linear, x=x).observations()
+    observed = observation_model(arm, states, names, linear=linear, x=x).observations()
     z = np.concatenate([0.1 * rng.standard_normal(12), x[arm.model().index(names)]])
     J = observed.jacobian(z)
     assert observed.rates is not None

@@ -129,7 +129,7 @@ def test_free_geometry_from_displacements_stays_what_can_exist_and_is_named(
             assert e.readings_sd <= 10.0 * experiment.model().parameters[fit.model.names.index(e.name)].typical
     assert len(told) < len(names)
     unsure = [e.name for e in fit.estimates if e.state is EstimateState.NOT_IDENTIFIABLE]
-    lost = {*unsure, *(e.name for e in fit.left_aside)}
+    lost = {*unsure, *(e.name for e in fit.not_estimated)}
     assert {n for n in names if n.endswith((".lc", ".l2"))} & lost
 
 

@@ -83,10 +83,10 @@ def test_it_gives_what_the_effects_by_name_give(tmp_path: Path) -> None:
     by_name, fit = identify(long, readings, options=LINEAR), identify(short, readings, options=LINEAR)
     assert fit.names == by_name.names
     assert np.allclose([e.value for e in fit.estimates], [e.value for e in by_name.estimates], rtol=1e-9, atol=1e-12)
-    assert {e.name for e in fit.left_aside} == {e.name for e in by_name.left_aside}
+    assert {e.name for e in fit.not_estimated} == {e.name for e in by_name.not_estimated}
     named = {e.name: e for e in fit.estimates}
     chosen = {n for n in short.fit_names() if n in named and not n.startswith("marker")}
-    aside = {e.name for e in fit.left_aside if not e.name.startswith("marker")}
+    aside = {e.name for e in fit.not_estimated if not e.name.startswith("marker")}
     assert chosen | aside == {n for n in short.fit_names() if not n.startswith("marker")}
     assert len(chosen) == 4 * 6 + 6 - 6 - 6, "4 numbers for each turning joint and 6, less the frame and two markers"
     estimate = named["joint_placement[joint_4].rx"]
@@ -105,16 +105,16 @@ def test_what_no_pose_tells_is_left_aside(tmp_path: Path) -> None:
     """Only joint 1 moves: the frame and the markers absorb all that its poses show, and no number of 42 is told."""
     experiment = written(tmp_path, FILE + "fit: [marker_offset, geometry]\n")
     fit = identify(experiment, made(experiment, spread(slice(0, 1))), options=LINEAR)
-    left = {e.name: e for e in fit.left_aside}
+    left = {e.name: e for e in fit.not_estimated}
     assert len([n for n in left if n.startswith(("joint_offset", "joint_placement"))]) == 42
-    assert any("frame" in other for e in left.values() for other in e.absorbed_by)
-    assert all("absorbed by" in e.words() or "told only to" in e.words() for e in left.values())
+    assert any("frame" in other for e in left.values() for other in e.correlated_with)
+    assert all("confounded with" in e.words() or "identifiable only to" in e.words() for e in left.values())
 
 
 def test_displacements_do_not_tell_it(m900ib: Experiment) -> None:
     readings = simulate(m900ib, make_plan(random_poses(m900ib, 1, 8), ["pull"] * 8)).readings
     for experiment, fit in ((m900ib.with_(fit=("geometry",)), None), (m900ib, ["geometry"])):
-        with pytest.raises(InputError, match="geometry is told by absolute positions"):
+        with pytest.raises(InputError, match="geometry needs absolute positions"):
             identify(experiment, readings, fit)
 
 

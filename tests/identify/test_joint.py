@@ -16,9 +16,9 @@ from qsframework.experiment import (
     Experiment,
     Frame,
     Readings,
-    bridge,
     load_experiment,
     make_plan,
+    observation_model,
     read_readings,
     simulate,
     write_readings,
@@ -103,7 +103,7 @@ def test_derivatives_at_the_solution_and_as_many_digits_as_the_readings_have(arm
     """Positions with and without load, and displacements; a step that rounding hides is no reason not to settle."""
     x = true_x(arm)
     both = joined([positions(arm, x, 10, 1), displacements(arm, x, 10, 101)])
-    seen = bridge(arm, both, arm.with_(fit=tuple(NAMES)).fit_names(), linear=True)
+    seen = observation_model(arm, both, arm.with_(fit=tuple(NAMES)).fit_names(), linear=True)
     o, plain = seen.observations(), FitOptions(starts=0)
     best = solve(o, plain, seen.start, tolerance=1e-6)
     J = o.jacobian(best.x)

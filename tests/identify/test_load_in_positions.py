@@ -14,9 +14,9 @@ from qsframework.experiment import (
     Frame,
     LoadUncertainty,
     Readings,
-    bridge,
     load_experiment,
     make_plan,
+    observation_model,
     simulate,
 )
 from qsframework.experiment.readings import joined
@@ -97,7 +97,7 @@ def errors(fit: Fit) -> Array:
 def test_columns_against_finite_differences(arm: Experiment, linear: bool) -> None:
     states = positions(arm, 0.0, np.zeros(3), np.random.default_rng(0))
     fit = identify(arm, states, options=LINEAR)
-    seen = bridge(arm, states, linear=linear, frames=fit.frames)
+    seen = observation_model(arm, states, linear=linear, frames=fit.frames)
     columns = seen.rows.spread(load_columns(seen, fit.x))
     assert np.array_equal(np.abs(columns).max(axis=(1, 2)) > 0.0, states.states.loaded[states.plus])
     h = 1e-4
@@ -105,7 +105,7 @@ def test_columns_against_finite_differences(arm: Experiment, linear: bool) -> No
         ends = []
         for s in (h, -h):
             turned = states.with_poses(acting(states.poses, s * k, s * np.array(r)))
-            moved = bridge(arm, turned, linear=linear, frames=fit.frames)
+            moved = observation_model(arm, turned, linear=linear, frames=fit.frames)
             ends.append(moved.rows.predict(fit.model, fit.x, fit.frames, linear))
         assert np.allclose(columns[..., i], (ends[0] - ends[1]) / (2 * h), rtol=1e-5, atol=1e-9)
 

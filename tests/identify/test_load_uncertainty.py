@@ -16,9 +16,9 @@ from qsframework.experiment import (
     LoadUncertainty,
     Plan,
     Readings,
-    bridge,
     load_experiment,
     make_plan,
+    observation_model,
     simulate,
 )
 from qsframework.identify import identify
@@ -46,7 +46,7 @@ def test_the_error_is_a_proper_effect(m900ib: Experiment) -> None:
 def test_columns_are_those_of_the_effects(m900ib: Experiment, plan: Plan, linear: bool) -> None:
     """load_scale and load_direction, the built-in effects, have the same sensitivities; rz by differences."""
     model = m900ib.model()
-    seen = bridge(m900ib, simulate(m900ib, plan).readings, linear=linear)
+    seen = observation_model(m900ib, simulate(m900ib, plan).readings, linear=linear)
     J = load_columns(seen, model.nominal).reshape(len(plan.poses), -1, 3, 4)
     effects = (*model.effects, find("load_scale")(), find("load_direction")())
     markers = list(zip(model.marker_names, model.markers, strict=True))
@@ -72,7 +72,7 @@ def believed(readings: Readings, plan: Plan) -> Readings:
 
 def load_shift(experiment: Experiment, readings: Readings, sds: Array, options: FitOptions) -> Array:
     """How far each estimate moves (p, 4) with an error of one sd of the load."""
-    seen = bridge(experiment, readings, linear=options.linear)
+    seen = observation_model(experiment, readings, linear=options.linear)
     solution = settle(seen.observations(), options, seen.start)
     columns = seen.rows.noise.whiten(load_columns(seen, seen.values(solution.x)) * sds)
     return propagated(solution, columns)

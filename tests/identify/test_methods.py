@@ -10,7 +10,7 @@ import pytest
 from qsframework.cli.demo import read_as_relative
 from qsframework.errors import InputError, NotConverged
 from qsframework.estimation import FitOptions
-from qsframework.experiment import Experiment, Plan, Readings, bridge, make_plan, make_rows, simulate
+from qsframework.experiment import Experiment, Plan, Readings, make_plan, make_rows, observation_model, simulate
 from qsframework.identify import EstimateState, Fit, identify
 from qsframework.identify.fit import Found
 from qsframework.identify.two_step import _StepOne, find_balanced, two_step  # pyright: ignore[reportPrivateUsage]
@@ -142,7 +142,7 @@ def test_weights_decide_between_the_methods(arm: Experiment) -> None:
 @pytest.mark.parametrize("linear", [True, False])
 def test_derivatives_against_finite_differences(arm: Experiment, which: str, linear: bool) -> None:
     readings = measured(arm, planned(arm, (-50.0, 10.0, 80.0), 2), 1)
-    seen = bridge(arm, readings, linear=linear)
+    seen = observation_model(arm, readings, linear=linear)
     o = seen.observations()
     if which == "first of two":
         angles, group = distinct_angles(readings.poses.q[:, 1], 1e-4)
@@ -230,7 +230,7 @@ def test_two_steps_say_where_the_balancer_is_not_told(arm: Experiment) -> None:
     x = truth(arm)
     x[arm.model().index([KC])] = -1e7
     readings = simulate(quiet, planned(arm, (-50.0, 10.0, 80.0), 3), x, linear=True).readings
-    with pytest.raises(NotConverged, match=r"do not tell the balancer\. Use one-step within bounds"):
+    with pytest.raises(NotConverged, match=r"do not identify the balancer\. Use one-step within bounds"):
         identify(quiet, readings, options=TWO)
 
 

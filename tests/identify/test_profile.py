@@ -57,7 +57,7 @@ def at(experiment: Experiment, name: str, value: float) -> Experiment:
 
 
 def test_an_interval_that_reaches_a_bound_in_a_fit(simulated: tuple[Experiment, Readings]) -> None:
-    """These readings do not tell the balancer's spring: its interval reaches down to its bound, where no spring is."""
+    """These readings do not identify the balancer's spring: its interval reaches down to its bound, of no spring."""
     experiment, readings = simulated
     options = FitOptions(bounds=True, profile=(BALANCER,))
     fit = identify(experiment, readings, ("joint_compliance", BALANCER), options)

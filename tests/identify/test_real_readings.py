@@ -92,9 +92,9 @@ def test_too_few_readings(r2000ic: Experiment, real: Readings) -> None:
 def test_parameters_that_cannot_be_told_are_left_aside_by_name(r2000ic: Experiment, real: Readings) -> None:
     """With J5 = 0, axes 4 and 6 are one line: a spring about joint_5's x is joint 4's spring again."""
     fit = identify(with_offaxis(r2000ic, "joint_5", "x"), real, options=LINEAR)
-    (one,) = fit.left_aside
+    (one,) = fit.not_estimated
     pair = {"joint_compliance[joint_4]", "offaxis_compliance[joint_5/x]"}
-    assert {one.name, *one.absorbed_by} == pair
+    assert {one.name, *one.correlated_with} == pair
     assert len(pair & set(fit.names)) == 1
     assert fit.rank.full
 

@@ -71,7 +71,7 @@ def test_no_load(m900ib: Experiment, lines: list[list[str]], tmp_path: Path) -> 
     for column in ("fx_N", "fy_N", "fz_N"):
         file = rewritten(zero, tmp_path, column, "0")
         zero = [line.split(",") for line in file.read_text().splitlines()]
-    with pytest.raises(InputError, match="every force is zero; a displacement under no load tells nothing"):
+    with pytest.raises(InputError, match="every force is zero; a displacement under no load carries no information"):
         read_readings(tmp_path / "r.csv", m900ib)
 
 

@@ -11,7 +11,7 @@ import pytest
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Plan, make_plan, read_readings, simulate, write_readings
 from qsframework.identify import identify
-from qsframework.information import promised_sd
+from qsframework.information import predicted_sd
 from qsframework.plugin import Poses
 
 CAMPAIGNS = 30
@@ -45,7 +45,7 @@ def test_intervals_cover_the_truth(m900ib: Experiment, plan: Plan) -> None:
 
 def test_the_fit_reaches_the_promised_sd(m900ib: Experiment, plan: Plan) -> None:
     fit = identify(m900ib, simulate(m900ib, plan).readings, options=KEEP)
-    assert np.allclose([e.sd for e in fit.estimates], promised_sd(m900ib, plan), rtol=2e-3)
+    assert np.allclose([e.sd for e in fit.estimates], predicted_sd(m900ib, plan), rtol=2e-3)
 
 
 def test_without_noise_the_truth_is_found(m900ib: Experiment, plan: Plan) -> None:

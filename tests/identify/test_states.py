@@ -94,7 +94,7 @@ def test_positions_with_loaded_states_tell_springs_zeros_and_the_frame(tmp_path:
     squares, z, dof = [], [], 0
     for seed in range(6):
         fit = identify(wide, measured(wide, x, 12, TRACKER, seed), names, KEEP)
-        assert not fit.left_aside
+        assert not fit.not_estimated
         truth = x[model.index([e.name for e in fit.estimates[6:]])]
         z += [(e.value - t) / e.sd for e, t in zip(fit.estimates[6:], truth, strict=True)]
         frame = fit.frames[0]
@@ -141,7 +141,7 @@ def test_poses_all_equal_are_refused_with_what_would_help(m900ib: Experiment) ->
         with pytest.raises(NotIdentifiable, match="all 8 measurements are of one pose") as caught:
             identify(m900ib, readings, options=options)
         assert "Measure more poses" in str(caught.value)
-    with pytest.raises(NotIdentifiable, match=r"cannot tell any of the parameters: .*joint_1.*add a side pull"):
+    with pytest.raises(NotIdentifiable, match=r"identify none of the parameters: .*joint_1.*add a side pull"):
         identify(m900ib, readings, ["joint_compliance[joint_1]"])
 
 

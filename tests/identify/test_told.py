@@ -10,12 +10,12 @@ import pytest
 
 from qsframework.estimation import FitOptions
 from qsframework.experiment import load_experiment, read_readings
-from qsframework.identify import EstimateState, Fit, LeftAside, identify
+from qsframework.identify import EstimateState, Fit, NotEstimated, identify
 from qsframework.identify.estimate import estimate_of
 from qsframework.identify.selection import choose
 from qsframework.plugin import Parameter
 from qsframework.report import fit_table
-from qsframework.report.fit_section import left_aside_table
+from qsframework.report.fit_section import not_estimated_table
 from qsframework.report.words.fit import STATES
 
 UR10 = Path(__file__).parents[2] / "examples" / "ur10"
@@ -91,9 +91,9 @@ def test_a_column_of_rounding_is_not_told_at_all(series_d: Fit) -> None:
     rows[:, 2] *= 1e-3
     taken, left = choose(rows, ["a", "b", "c"], np.array([np.inf, 10.0, 10.0]))
     assert taken == [0]
-    assert left[0] == LeftAside("b", (), np.inf)
+    assert left[0] == NotEstimated("b", (), np.inf)
     assert left[0].words() == "b: no reading depends on it"
     assert 100.0 < left[1].sd < 1000.0
-    table = left_aside_table(replace(series_d, left_aside=left))
+    table = not_estimated_table(replace(series_d, not_estimated=left))
     assert table.rows[0][1:] == ("no effect", "-")
     assert table.rows[1][2] not in ("-", "inf")

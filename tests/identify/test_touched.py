@@ -16,8 +16,8 @@ from qsframework.estimation import FitOptions
 from qsframework.experiment import (
     Experiment,
     Readings,
-    bridge,
     load_experiment,
+    observation_model,
     read_readings,
     simulate_rows,
     write_readings,
@@ -106,7 +106,7 @@ def test_columns_may_be_left_out(arm: Experiment, angles: dict[str, Array], tmp_
 
 
 def test_derivatives_are_those_of_differences(arm: Experiment, touched: Readings) -> None:
-    seen = bridge(arm, touched)
+    seen = observation_model(arm, touched)
     assert [p.name for p in seen.parameters[:6]] == [f"point[{p}].{a}" for p in POINTS for a in "xyz"]
     z = seen.start + 1e-3 * np.random.default_rng(1).standard_normal(len(seen.start))
     J, h = seen.jacobian(z), 1e-6
@@ -227,7 +227,7 @@ def plate(arm: Experiment, tmp_path_factory: pytest.TempPathFactory) -> Readings
 
 
 def test_derivatives_of_a_plate_are_those_of_differences(arm: Experiment, plate: Readings) -> None:
-    seen = bridge(arm, plate)
+    seen = observation_model(arm, plate)
     assert [p.name for p in seen.parameters[:4]] == ["plane[table].distance", *(f"point[sphere].{a}" for a in "xyz")]
     z = seen.start + 1e-3 * np.random.default_rng(1).standard_normal(len(seen.start))
     J, h = seen.jacobian(z), 1e-6
@@ -266,7 +266,7 @@ def test_plates_are_written_and_read_again(arm: Experiment, plate: Readings, tmp
     assert np.nanmax(np.abs(back.value - plate.value)) < 1e-12
     assert np.array_equal(np.isnan(back.value), np.isnan(plate.value))
     assert back.frames == plate.frames == ("plane:table", "point:sphere")
-    one, two = bridge(arm, back), bridge(arm, plate)
+    one, two = observation_model(arm, back), observation_model(arm, plate)
     assert one.predict(one.start) == pytest.approx(two.predict(two.start), abs=1e-12)
 
 

@@ -11,7 +11,7 @@ from qsframework.design import design
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Plan, simulate
 from qsframework.identify import EstimateState, identify
-from qsframework.information import predicted_sd
+from qsframework.information import sd_of_poses
 from qsframework.report.words.fit import verdict_words
 from tests.identify.arm import spoilt, with_sigma
 
@@ -108,7 +108,7 @@ def test_what_tied_parameters_share_is_not_taken_for_known(m900ib: Experiment) -
 
     model = Stub()
     names = [p.name for p in model.parameters]
-    sd = predicted_sd(model, [None] * 40, names, 1.0)  # type: ignore[arg-type]
+    sd = sd_of_poses(model, [None] * 40, names, 1.0)  # type: ignore[arg-type]
     A = model.sensitivity(None).reshape(-1, 3)[:, 1:]
     truth = np.sqrt(np.linalg.inv(A.T @ A)[1, 1])
     assert np.isinf(sd[:2]).all()

@@ -13,8 +13,8 @@ import samples
 from samples import DEGREES, FRAME, Campaign
 from test_formats import equal, run, the_same
 
-from qsframework.applications.importers import ImportWish, import_readings
-from qsframework.applications.protocol import ProtocolWish, make_protocol, write_reading_file
+from qsframework.applications.importers import ImportOptions, import_readings
+from qsframework.applications.protocol import ProtocolOptions, make_protocol, write_reading_file
 from qsframework.errors import InputError
 from qsframework.experiment import Frame, read_readings
 
@@ -44,7 +44,7 @@ def test_points_without_names_in_the_order_of_the_plan(campaign: Campaign) -> No
 def test_a_table_to_fill_in_says_the_order(campaign: Campaign) -> None:
     """Every state of every visit, half loads and repeats too, comes back where the table has it."""
     table = campaign.folder / "sheet.csv"
-    protocol = make_protocol(campaign.experiment, campaign.plan, ProtocolWish(repeat_share=0.4))
+    protocol = make_protocol(campaign.experiment, campaign.plan, ProtocolOptions(repeat_share=0.4))
     write_reading_file(table, protocol)
     at = {(r.pose, r.marker, r.loaded): r.mm for r in campaign.readings}
     lines = table.read_text().splitlines()
@@ -192,8 +192,8 @@ def test_the_frame_of_the_unloaded_readings_is_as_sure_as_it_says(campaign: Camp
         for row in rows:
             row[4:7] = [f"{float(v) + 0.03 * e:.5f}" for v, e in zip(row[4:7], rng.standard_normal(3), strict=True)]
         points.write_text("\n".join([*text[:3], *("\t".join(row) for row in rows)]) + "\n")
-        wish = ImportWish(columns={}, names={}, align="unloaded")
-        (found,) = import_readings(campaign.experiment, [points], campaign.folder / "plan.csv", wish).aligned
+        options = ImportOptions(columns={}, names={}, align="unloaded")
+        (found,) = import_readings(campaign.experiment, [points], campaign.folder / "plan.csv", options).aligned
         shift = found.frame.origin - FRAME.origin
         pulls.append(shift / found.sd[:3])
     spread = float(np.sqrt(np.mean(np.square(np.array(pulls) - np.mean(pulls, axis=0)))))
@@ -227,7 +227,7 @@ def test_what_has_no_point_or_is_left_out_is_said(campaign: Campaign) -> None:
     points.write_text(samples.lines([["name", "x_mm", "y_mm", "z_mm"], *rows]))
     printed = run(campaign, str(points), "-p", str(campaign.folder / "plan.csv"), "--ignore", "Floor*")
     assert "2 readings of the plan have no point: pose p06, marker m1, loaded; pose p06, marker m2, loaded" in printed
-    assert "left out as told: Floor1" in printed
+    assert "ignored as requested: Floor1" in printed
 
 
 def test_a_mapping_is_kept_in_a_file(campaign: Campaign) -> None:
@@ -267,8 +267,8 @@ def test_two_stations_have_two_frames(campaign: Campaign) -> None:
         mm = r.mm if first else tuple((1e3 * moved.apply(base)).tolist())
         rows.append([r.name, "A" if first else "B", *map(repr, mm)])
     points = campaign.write("points.csv", samples.lines([["name", "Station", "x_mm", "y_mm", "z_mm"], *rows]))
-    wish = ImportWish(columns={}, names={}, align="unloaded")
-    found = import_readings(campaign.experiment, [points], campaign.folder / "plan.csv", wish)
+    options = ImportOptions(columns={}, names={}, align="unloaded")
+    found = import_readings(campaign.experiment, [points], campaign.folder / "plan.csv", options)
     assert found.readings.frames == ("A", "B")
     assert [p.count for p in found.placed] == [12, 12]
     assert [a.frame.series for a in found.aligned] == ["A", "B"]

@@ -17,7 +17,7 @@ from test_joining import FLOOR, known_points
 from typer.testing import CliRunner
 
 from qsframework.applications.importers import import_readings
-from qsframework.applications.protocol import ProtocolWish, make_protocol, write_reading_file
+from qsframework.applications.protocol import ProtocolOptions, make_protocol, write_reading_file
 from qsframework.cli.main import _told, app
 from qsframework.errors import InputError
 from qsframework.experiment import load_experiment, read_readings
@@ -191,7 +191,7 @@ def test_rows_without_sight_are_left_out_and_counted(kind: str, campaign: Campai
     rows[7][2:5] = blind
     printed, advice = followed(campaign, vicon(campaign, rows))
     assert advice == ["--match", "order"]
-    assert "2 points without sight are left out: vicon.csv, line 6 (arm:m2); vicon.csv, line 13 (arm:m1)" in printed
+    assert "2 points without sight are not used: vicon.csv, line 6 (arm:m2); vicon.csv, line 13 (arm:m1)" in printed
     assert "2 readings of the plan have no point" in printed
     the_same(without(campaign, 1, 14))
 
@@ -201,7 +201,7 @@ def test_a_point_that_was_lost_and_read_again_is_one(campaign: Campaign) -> None
     head, first, *others = path.read_text().splitlines(keepends=True)
     path.write_text("".join([head, f"{campaign.readings[0].name},---,---,---\n", first, *others]))
     printed, _ = followed(campaign, path)
-    assert "1 points without sight are left out: points.csv, line 2" in printed
+    assert "1 points without sight are not used: points.csv, line 2" in printed
     the_same(campaign)
 
 
@@ -249,7 +249,7 @@ def test_loads_are_named_as_the_sheet_of_the_day_writes_them(words: str, campaig
     """Where a pose is measured under half the load too, loaded is the full load."""
     repeats = np.array([2, 1, 1, 1, 1, 1])
     plan = replace(campaign.plan, repeats=repeats)
-    made = make_protocol(campaign.experiment, plan, ProtocolWish(cycles=1, repeat_share=0.0))
+    made = make_protocol(campaign.experiment, plan, ProtocolOptions(cycles=1, repeat_share=0.0))
     write_reading_file(campaign.folder / "table.csv", made)
     full = [r for r in campaign.readings if r.loaded and r.pose == "p01"]
     rows = [[f"{r.pose}_{words}_{r.marker}", *cells(r)] for r in full]

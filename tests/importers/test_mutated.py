@@ -11,7 +11,7 @@ import samples
 from layouts import LAYOUTS
 from samples import FORMATS, Campaign
 
-from qsframework.applications.importers import ImportWish, import_readings
+from qsframework.applications.importers import ImportOptions, import_readings
 from qsframework.cli.importing import columns_of
 from qsframework.errors import InputError
 
@@ -73,12 +73,12 @@ def test_mutated_exports(name: str, tmp_path: Path) -> None:
     content = path.read_bytes()
     rng = random.Random(name)
     columns = columns_of(stated[1:2])
-    wish = ImportWish(columns=columns, names={}, join="time" if name in ("kuka", "ros") else "", align="unloaded")
+    options = ImportOptions(columns=columns, names={}, join="time" if name in ("kuka", "ros") else "", align="unloaded")
     taken, nameless = 0, list[object]()
     for _ in range(40):
         path.write_bytes(mutated(content, rng))
         try:
-            taken += len(import_readings(c.experiment, [*others, path], tmp_path / "plan.csv", wish).readings) > 0
+            taken += len(import_readings(c.experiment, [*others, path], tmp_path / "plan.csv", options).readings) > 0
         except InputError as error:
             nameless += [p for p in error.problems if not (p.file or p.found)]
     assert taken < 40
@@ -91,12 +91,12 @@ def test_mutated_layouts(what: str, tmp_path: Path) -> None:
     c = samples.make_campaign(tmp_path)
     paths = [a for a in LAYOUTS[what](c) if isinstance(a, Path)]
     content, rng = paths[-1].read_bytes(), random.Random(what)
-    wish = ImportWish(columns={}, names={}, units=("mm", "rad"), match="order", join="order")
+    options = ImportOptions(columns={}, names={}, units=("mm", "rad"), match="order", join="order")
     nameless: list[object] = []
     for _ in range(12):
         paths[-1].write_bytes(mutated(content, rng))
         try:
-            import_readings(c.experiment, paths, tmp_path / "plan.csv", wish)
+            import_readings(c.experiment, paths, tmp_path / "plan.csv", options)
         except InputError as error:
             nameless += [p for p in error.problems if not (p.file or p.found)]
     assert nameless == []

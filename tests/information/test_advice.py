@@ -14,7 +14,7 @@ from qsframework.experiment import Experiment, load_experiment, make_plan, simul
 from qsframework.experiment.examples import example
 from qsframework.experiment.setup import StatedNoise
 from qsframework.identify import EstimateState, identify
-from qsframework.information import predicted_sd, promised_sd, what_would_help
+from qsframework.information import predicted_sd, sd_of_poses, what_would_help
 from qsframework.information.advice import load_share, spring_torques, unit_torques
 from qsframework.plugin import Poses
 from qsframework.plugin.facts import frozen
@@ -82,7 +82,7 @@ def test_what_no_reading_tells_is_left_aside_with_what_would_help(m900ib: Experi
     readings = simulate(m900ib, make_plan(at, ["weight"] * len(at))).readings
     for options in (FitOptions(), FitOptions(linear=True)):
         fit = identify(m900ib, readings, options=options)
-        (one,) = fit.left_aside
+        (one,) = fit.not_estimated
         assert one.words() == "joint_compliance[joint_1]: no reading depends on it"
         assert any(n.startswith("joint_compliance[joint_1]: ") and "add a side pull" in n for n in fit.notes)
     with pytest.raises(NotIdentifiable, match=r"joint_1.*no reading depends on it.*add a side pull"):
@@ -135,11 +135,11 @@ def test_a_wrist_in_line_with_its_load_point_is_to_be_bent(m900ib: Experiment) -
 
 def test_a_plan_that_tells_nothing_promises_nothing(m900ib: Experiment) -> None:
     """A vertical weight alone never turns joint 1."""
-    sd = predicted_sd(m900ib.model(), poses(m900ib, 0), ["joint_compliance[joint_1]"], 3e-5)
+    sd = sd_of_poses(m900ib.model(), poses(m900ib, 0), ["joint_compliance[joint_1]"], 3e-5)
     assert np.isinf(sd).all()
     at = poses(m900ib, 1)
-    with pytest.raises(InputError, match="a promise needs the noise"):
-        promised_sd(m900ib.with_(noise=StatedNoise(None)), make_plan(at, ["pull"] * len(at)))
+    with pytest.raises(InputError, match="a predicted uncertainty needs the noise"):
+        predicted_sd(m900ib.with_(noise=StatedNoise(None)), make_plan(at, ["pull"] * len(at)))
 
 
 def test_a_free_length_without_a_stiffness_is_told_why(m900ib: Experiment) -> None:
@@ -154,4 +154,4 @@ def test_a_free_length_without_a_stiffness_is_told_why(m900ib: Experiment) -> No
         design(experiment, 6, candidates=60)
     stated = load_experiment(example("m900ib") / "paper_balancer.yaml")
     assert "changes nothing" not in what_would_help(stated.model(), length, at)
-    assert np.isfinite(promised_sd(stated, design(stated, 6, candidates=60))).all()
+    assert np.isfinite(predicted_sd(stated, design(stated, 6, candidates=60))).all()

@@ -14,7 +14,7 @@ import pytest
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Plan, example, load_experiment, read_plan, simulate
 from qsframework.identify import EstimateState, Fit, identify
-from qsframework.information import promised_sd
+from qsframework.information import predicted_sd
 from qsframework.plugin import Array
 from tests.identify.arm import arm_text
 
@@ -91,7 +91,7 @@ def test_one_uncertainty_by_plan_fit_and_differences(
 ) -> None:
     experiment, plan = campaign(tmp_path)
     assert experiment.noise.sigma == SIGMA
-    predicted, sigma = promised_sd(experiment, plan), 1e-9
+    predicted, sigma = predicted_sd(experiment, plan), 1e-9
     assert predicted == pytest.approx(by_differences(experiment, plan), rel=1e-6)
     fit = fitted(experiment, plan, sigma)
     assert [e.sd for e in fit.estimates] == pytest.approx(predicted * sigma / SIGMA, rel=1e-4)
@@ -103,9 +103,9 @@ def test_visits_count_in_the_prediction_as_in_the_fit(repeats: int, tmp_path: Pa
     fit = fitted(experiment, plan, 1e-9)
     assert fit.dof == 9 * repeats * len(POSES) - len(fit.names)
     scale = 1e-9 / SIGMA
-    assert [e.sd for e in fit.estimates] == pytest.approx(promised_sd(experiment, plan) * scale, rel=1e-4)
-    once = promised_sd(experiment, replace(plan, repeats=(1,) * len(POSES)))
-    assert promised_sd(experiment, plan) == pytest.approx(once / np.sqrt(repeats), rel=1e-9)
+    assert [e.sd for e in fit.estimates] == pytest.approx(predicted_sd(experiment, plan) * scale, rel=1e-4)
+    once = predicted_sd(experiment, replace(plan, repeats=(1,) * len(POSES)))
+    assert predicted_sd(experiment, plan) == pytest.approx(once / np.sqrt(repeats), rel=1e-9)
 
 
 def test_a_fit_has_the_uncertainty_of_its_minimum_wherever_it_starts(tmp_path: Path) -> None:
@@ -134,7 +134,7 @@ def test_readings_exactly_on_the_start_have_the_uncertainty_of_any_others(tmp_pa
     exact = model.predict(plan.repeated()).reshape(-1, 3)
     fit = identify(experiment, made.readings.with_values(exact))
     assert fit.chi2 < 1e-12
-    for e, sd in zip(fit.estimates, promised_sd(experiment, plan), strict=True):
+    for e, sd in zip(fit.estimates, predicted_sd(experiment, plan), strict=True):
         assert e.state is EstimateState.FINE
         assert e.sd == pytest.approx(sd, rel=1e-6)
         assert e.value == pytest.approx(e.initial, rel=1e-6)

@@ -14,7 +14,7 @@ from qsframework.errors import NotIdentifiable
 from qsframework.estimation import FitOptions
 from qsframework.experiment import example, load_experiment, read_plan, simulate
 from qsframework.identify import identify
-from qsframework.information import promises
+from qsframework.information import predicted_uncertainties
 
 PAPER = example("m900ib")
 
@@ -25,7 +25,7 @@ def test_the_promise_is_what_fits_keep() -> None:
     springs = [n for n in experiment.fit_names() if n.startswith("joint")]
     experiment = experiment.with_(fit=tuple(springs))
     plan = read_plan(PAPER / "table5.csv", experiment)
-    told = promises(experiment, plan)
+    told = predicted_uncertainties(experiment, plan)
     assert [p.name for p in told] == springs
     assert not any(p.help for p in told)
     found = [

@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from qsframework.design import Wish, design
+from qsframework.design import DesignOptions, design
 from qsframework.diagnose import diagnose
 from qsframework.diagnose.result import Status
 from qsframework.elastostatics import Site, make_model
@@ -155,7 +155,7 @@ def test_it_is_simulated(law: Law) -> None:
 def test_a_plan_is_made_for_it(law: Law) -> None:
     wide, truth = hidden(law)
     wide = wide if law.read == "displacements" else wide.with_(fit=("joint_compliance",))
-    plan = design(wide, 8, candidates=60, seed=1, wish=Wish(criterion="D"))
+    plan = design(wide, 8, candidates=60, seed=1, options=DesignOptions(criterion="D"))
     assert len(plan.pose) == 8
     if law.read == "displacements":
         assert plan.certificate is not None
@@ -180,7 +180,9 @@ def test_a_diagnosis_names_it(law: Law) -> None:
     for tried in LAWS:
         if law.read == tried.read or law.read == "positions":
             assert lines[built(tried).name].status is not Status.UNTESTED, tried
-    assert built(law).name in {f.name for f in found.findings} | {r.name for f in found.findings for r in f.rivals}
+    assert built(law).name in {f.name for f in found.findings} | {
+        r.name for f in found.findings for r in f.alternatives
+    }
 
 
 ROBOT = sample_robot()

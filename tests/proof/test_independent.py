@@ -40,8 +40,8 @@ def answer(setting: Setting, hidden: Hidden, folder: Path) -> Diagnosis:
 
 
 def names(found: Diagnosis) -> set[str]:
-    """All that may be meant: names and their rivals."""
-    return {name for f in found.findings for name in (f.name, *(r.name for r in f.rivals))}
+    """All that may be meant: names and their alternatives."""
+    return {name for f in found.findings for name in (f.name, *(r.name for r in f.alternatives))}
 
 
 # ---------------------------------------------------------------- the generator itself
@@ -214,5 +214,5 @@ def test_nothing_is_named_where_another_code_hides_nothing(tmp_path: Path) -> No
     for seed in range(6):
         setting = Setting(HEAVY, 12, seed, noise=("nominal", "shared")[seed % 2])
         found = answer(setting, Hidden(), tmp_path / str(seed))
-        alarms += bool(found.findings or found.leftovers or found.taught)
+        alarms += bool(found.findings or found.leftovers or found.learned)
     assert alarms <= 1

@@ -207,7 +207,7 @@ CLEAN = [("m900ib", "", 1), ("r2000ic", "", 2), ("kr500", "load_scale", 9)]
 #    units of the noise that the readings show beside the cause, which is 4 % smaller.
 HARDENING = ("joint_hardening[joint_3]", (20.0, -1.21e-16), (20.80, -1.2046e-16, 6.06e-18))
 #    The real cable pulls with J3 read as relative: the convention is found, then three causes. With these, each with
-#    its rivals, the held-out error, mm, falls from one number to the other (to 2 %).
+#    its alternatives, the held-out error, mm, falls from one number to the other (to 2 %).
 REAL_CAUSES: dict[str, list[str]] = {
     "controller_coupling[joint_3]": [],
     "offaxis_compliance[joint_4/z]": ["link_compliance[link_3/rz]"],
@@ -342,7 +342,7 @@ def test_positions(series: str, names: tuple[str, ...], tmp_path: Path) -> None:
     data = PINNED / "ur10" / f"series_{series}.csv"
     fit = identify(PINNED / "ur10" / "experiment.yaml", tmp_path, data, *chosen, linear=False)
     told, aside, error, left_out = POSITIONS[series, names]
-    assert (len(fit["parameters"]), len(fit["left_aside"])) == (told, aside)
+    assert (len(fit["parameters"]), len(fit["not_estimated"])) == (told, aside)
     assert fit["errors_mm"]["position"]["identified"] == pytest.approx(error, rel=1e-3)
     assert fit["rms_per_axis_mm"]["leave_one_out_without_masked"] * 3**0.5 == pytest.approx(left_out, rel=1e-3)
     assert fit["masked_rows"] == WRONG_ROWS[series]
@@ -456,7 +456,7 @@ def check(found: dict[str, Any], hidden: Hidden) -> None:
     (cause,) = found["causes"]
     assert cause["id"] == hidden.name
     assert cause["s"] == pytest.approx(hidden.s, rel=0.1)
-    assert cause["rivals"] == []
+    assert cause["alternatives"] == []
     for name, value in hidden.values.items():
         estimate, true = cause["parameters"][name], float(value.partition(" ")[0])
         assert abs(estimate["value"] - true) < 4 * estimate["sd"], name
@@ -519,7 +519,7 @@ def test_the_example_with_a_hidden_effect(tmp_path: Path) -> None:
     own = bench(tmp_path, "m900ib")
     found = diagnose(own / "experiment.yaml", own / "hardening.csv")
     (cause,) = found["causes"]
-    assert (found["verdict"], cause["id"], cause["rivals"]) == ("explained", name, [])
+    assert (found["verdict"], cause["id"], cause["alternatives"]) == ("explained", name, [])
     assert cause["s"] == pytest.approx(s, rel=0.02)
     estimate = cause["parameters"][name]
     assert estimate["value"] == pytest.approx(c3, rel=5e-3)
@@ -532,7 +532,7 @@ def test_what_real_readings_hold_beyond_six_springs(tmp_path: Path) -> None:
     experiment = cable_pulls(tmp_path, RELATIVE)
     found = diagnose(experiment, experiment.parent / "readings.csv")
     assert (found["verdict"], found["conventions"]) == ("partly_explained", ["controller_coupling[joint_3]"])
-    assert {c["id"]: c["rivals"] for c in found["causes"]} == REAL_CAUSES
+    assert {c["id"]: c["alternatives"] for c in found["causes"]} == REAL_CAUSES
     errors = [found["rms_per_axis_mm"][name] for name in ("heldout_identified", "heldout_extended")]
     assert errors == pytest.approx(REAL_HELD_OUT, rel=0.02)
 

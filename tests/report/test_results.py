@@ -31,7 +31,7 @@ def test_a_fits_report_is_that_of_the_command(r2000ic: Experiment, real: Reading
 def test_reports_of_a_plan_a_validation_and_a_diagnosis(r2000ic: Experiment, real: Readings, tmp_path: Path) -> None:
     day = qsf.load_experiment(example("day") / "experiment.yaml")
     plan = qsf.read_plan(example("day") / "plan.csv", day)
-    assert "What it promises" in headings(qsf.report(plan, tmp_path / "plan.html", day))
+    assert "Predicted uncertainties" in headings(qsf.report(plan, tmp_path / "plan.html", day))
     found = qsf.validate(r2000ic, real, qsf.identify(r2000ic, real))
     assert "Validation: " in qsf.report(found, tmp_path / "v.html", r2000ic).read_text()
     assert "Causes" in headings(qsf.report(diagnosed("r2000ic"), tmp_path / "d.html"))

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from qsframework.applications.conformance import check_robot, small_campaign
 from qsframework.cli.check import check_files
 from qsframework.cli.main import app
-from qsframework.design import Wish, design
+from qsframework.design import DesignOptions, design
 from qsframework.errors import InputError
 from qsframework.robot import load_robot
 from qsframework.robot.new import new
@@ -125,7 +125,7 @@ def test_a_heavy_bar_that_follows_the_arm_is_kept_as_a_branch(tmp_path: Path) ->
     ]
     told = (folder / "README.md").read_text()
     assert "lever follows c" in told
-    assert "left out, as they do not move the flange: loose" in told
+    assert "omitted, as they do not move the flange: loose" in told
     assert all(c.good for c in check_robot(robot))
 
 
@@ -249,7 +249,10 @@ def test_an_arm_whose_urdf_states_no_mass_works_without_weight(
     sag = "effects:\n  - {effect: gravity_sag, joints: [b, c]}"
     (folder / "robot.yaml").write_text(spec.replace("effects:", sag))
     plan = design(
-        small_campaign(load_robot(folder), tmp_path), 8, candidates=100, wish=Wish(criterion="D", polish=False)
+        small_campaign(load_robot(folder), tmp_path),
+        8,
+        candidates=100,
+        options=DesignOptions(criterion="D", polish=False),
     )
     assert len(plan.pose) == 8
     (folder / "arm.urdf").write_text(text.replace('<link name="l3">', f'<link name="l3">{BODY}'))

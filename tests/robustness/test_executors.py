@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 from long_tasks import bits, column, die, odd, refuse, shared, spectrum, strides, tasks, too_late, whose
 
-from qsframework.design import Wish, design
+from qsframework.design import DesignOptions, design
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment
 from qsframework.work import HERE, Work, WorkerLost, run, workers
@@ -224,8 +224,8 @@ def test_dask_gives_the_same_bits_though_a_worker_is_killed(
 ) -> None:
     dask = Work(dask=cluster.address)
     with watching(cluster) as client:
-        wish = Wish(polish=False, starts=4)
-        plans = [design(m900ib, 9, candidates=100, wish=wish, work=work) for work in (HERE, dask)]
+        options = DesignOptions(polish=False, starts=4)
+        plans = [design(m900ib, 9, candidates=100, options=options, work=work) for work in (HERE, dask)]
         assert plans[0].pendant.tobytes() == plans[1].pendant.tobytes()
         results = []
         for result in run(spectrum, shared(sleep=0.15), tasks(COUNT), dask):

@@ -14,7 +14,7 @@ from test_kill import TASK
 from qsframework.applications.compare import compare
 from qsframework.applications.task import load_task
 from qsframework.cli import main
-from qsframework.design import Wish, design, generate_candidates
+from qsframework.design import DesignOptions, design, generate_candidates
 from qsframework.experiment import Experiment, Plan, load_experiment
 from qsframework.forecast.power import forecast
 from qsframework.report.result_json import foresight_json
@@ -35,7 +35,7 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Experiment:
 
 @pytest.fixture(scope="module")
 def plan(arm: Experiment) -> Plan:
-    return design(arm, 6, candidates=60, wish=Wish(polish=False))
+    return design(arm, 6, candidates=60, options=DesignOptions(polish=False))
 
 
 @pytest.fixture(params=["candidates", "design", "forecast", "comparison"])
@@ -43,10 +43,10 @@ def job(request: pytest.FixtureRequest, m900ib: Experiment, arm: Experiment, pla
     (tmp_path / "task.yaml").write_text(TASK)
     task = load_task(tmp_path / "task.yaml")
     robots = [load_robot(name) for name in ("fanuc_m900ib", "ur10")]
-    quick = Wish(polish=False, starts=6)
+    quick = DesignOptions(polish=False, starts=6)
     jobs: dict[str, Job] = {
         "candidates": lambda work: generate_candidates(m900ib, 9000, 3, work=work).pendant.tobytes(),
-        "design": lambda work: bits_of(design(m900ib, 9, candidates=400, wish=quick, work=work)),
+        "design": lambda work: bits_of(design(m900ib, 9, candidates=400, options=quick, work=work)),
         "forecast": lambda work: repr(foresight_json(forecast(arm, plan, work=work))).encode(),
         "comparison": lambda work: repr(compare(robots, task, work=work).as_json()).encode(),
     }

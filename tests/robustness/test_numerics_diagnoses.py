@@ -21,7 +21,7 @@ def test_diagnoses_do_not_depend_on_any_order() -> None:
     assert found.verdict == wanted.verdict
     assert [f.name for f in found.findings] == [f.name for f in wanted.findings]
     for a, b in zip(found.findings, wanted.findings, strict=True):
-        assert {r.name for r in a.rivals} == {r.name for r in b.rivals}
+        assert {r.name for r in a.alternatives} == {r.name for r in b.alternatives}
         assert a.s == pytest.approx(b.s, rel=1e-9)
         assert [v.value for v in a.values] == pytest.approx([v.value for v in b.values], rel=1e-9)
         assert [v.sd for v in a.values] == pytest.approx([v.sd for v in b.values], rel=1e-9)
@@ -45,7 +45,7 @@ def test_diagnoses_do_not_depend_on_the_unit_of_force(monkeypatch: pytest.Monkey
     found = diagnose(other, with_forces(data, k), repeats=1)
     assert found.verdict == wanted.verdict == "explained"
     assert [f.name for f in found.findings] == [f.name for f in wanted.findings] == ["offaxis_compliance[joint_3/x]"]
-    assert [f.rivals for f in found.findings] == [f.rivals for f in wanted.findings]
+    assert [f.alternatives for f in found.findings] == [f.alternatives for f in wanted.findings]
     same(found.findings[0].values[0].value * k, wanted.findings[0].values[0].value)
     same(found.findings[0].values[0].sd * k, wanted.findings[0].values[0].sd)
     same(found.findings[0].s, wanted.findings[0].s)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, strategies as st
 from numerics import SIGMA, campaign, candidates, few, noisy, poses, readings, weighed, with_effects, with_forces
 
-from qsframework.design import Wish, design
+from qsframework.design import DesignOptions, design
 from qsframework.diagnose import diagnose
 from qsframework.errors import InputError, NotConverged
 from qsframework.estimation import FitOptions
@@ -102,9 +102,9 @@ def test_sds_are_in_proportion_to_the_stated_noise(power: float) -> None:
 @pytest.mark.parametrize("sigma", [1e-12, 1e3])
 @pytest.mark.parametrize("criterion", ["D", "A", "I", "G", "O3", "E"])
 def test_plans_do_not_depend_on_the_stated_noise(sigma: float, criterion: str) -> None:
-    wish = Wish(criterion=criterion, polish=False, starts=3)
-    wanted = design(campaign(), 8, candidates=candidates(), wish=wish)
-    found = design(noisy(campaign(), sigma), 8, candidates=candidates(), wish=wish)
+    options = DesignOptions(criterion=criterion, polish=False, starts=3)
+    wanted = design(campaign(), 8, candidates=candidates(), options=options)
+    found = design(noisy(campaign(), sigma), 8, candidates=candidates(), options=options)
     assert np.array_equal(found.pendant, wanted.pendant)
     assert found.certificate is not None
     assert wanted.certificate is not None
@@ -149,12 +149,12 @@ def test_a_single_marker_is_enough_or_it_is_said_what_is_not() -> None:
     data = simulate(noisy(one, 0.0), make_plan(poses(one, 20), ["load"] * 20), x=x).readings
     fit = identify(noisy(one, None), data)
     assert [e.value for e in fit.estimates] == pytest.approx(x[fit.model.index(fit.names)], rel=1e-9)
-    plan = design(one, 6, candidates=candidates(), wish=Wish(criterion="D", polish=False, starts=2))
+    plan = design(one, 6, candidates=candidates(), options=DesignOptions(criterion="D", polish=False, starts=2))
     assert plan.certificate is not None
     assert plan.certificate.efficiency > 0.5
     on_axis = one.with_(markers=(replace(one.markers[0], xyz=frozen([0.3, 0.0, 0.0])),), load_point=frozen([0.3, 0, 0]))
     blind = simulate(on_axis, make_plan(poses(on_axis, 20), ["load"] * 20), x=x).readings
-    (left,) = identify(on_axis, blind).left_aside
+    (left,) = identify(on_axis, blind).not_estimated
     assert left.name == "joint_compliance[joint_6]"
 
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, strategies as st
 from numerics import campaign, candidates, few, poses, readings
 
-from qsframework.design import Wish, design
+from qsframework.design import DesignOptions, design
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Readings
 from qsframework.experiment.readings import joined
@@ -119,12 +119,12 @@ def test_predictions_do_not_depend_on_the_order_of_effects(seed: int) -> None:
 
 @pytest.mark.parametrize(("criterion", "seed"), [("D", 1), ("A", 2), ("I", 3)])
 def test_plans_do_not_depend_on_the_order_of_parameters_markers_and_effects(criterion: str, seed: int) -> None:
-    wish = Wish(criterion=criterion, polish=False, starts=3)
-    wanted = design(campaign(), 8, candidates=candidates(), wish=wish)
+    options = DesignOptions(criterion=criterion, polish=False, starts=3)
+    wanted = design(campaign(), 8, candidates=candidates(), options=options)
     order = np.random.default_rng(seed).permutation(3)
     other = campaign().with_(markers=tuple(campaign().markers[i] for i in order))
     other = parameters_in_order(with_effects_in_order(other, seed), seed)
-    found = design(other, 8, candidates=candidates(), wish=wish)
+    found = design(other, 8, candidates=candidates(), options=options)
     np.testing.assert_array_equal(found.pendant, wanted.pendant)
     np.testing.assert_array_equal(found.wrench, wanted.wrench)
     assert found.certificate is not None
@@ -135,10 +135,10 @@ def test_plans_do_not_depend_on_the_order_of_parameters_markers_and_effects(crit
 
 def test_the_best_plan_does_not_depend_on_the_order_of_the_candidates() -> None:
     """The relaxed value to what both certificates leave open; the plan where the exchange has starts enough."""
-    wish = Wish(criterion="D", polish=False, efficiency=0.999999)
-    wanted = design(campaign(), 8, candidates=candidates(), wish=wish)
+    options = DesignOptions(criterion="D", polish=False, efficiency=0.999999)
+    wanted = design(campaign(), 8, candidates=candidates(), options=options)
     mixed = frozen(candidates()[np.random.default_rng(5).permutation(60)])
-    found = design(campaign(), 8, candidates=mixed, wish=wish)
+    found = design(campaign(), 8, candidates=mixed, options=options)
     assert found.certificate is not None
     assert wanted.certificate is not None
     assert found.certificate.relaxed_value == pytest.approx(wanted.certificate.relaxed_value, rel=2e-6)

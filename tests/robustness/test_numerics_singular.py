@@ -12,13 +12,13 @@ import pytest
 from hypothesis import given, strategies as st
 from numerics import SIGMA, campaign, candidates, few, noisy, poses, weighed, with_effects
 
-from qsframework.design import Wish, design
+from qsframework.design import DesignOptions, design
 from qsframework.design.criteria import Determinant, Linear
 from qsframework.design.problem import joint_sd
 from qsframework.estimation import FitOptions, Independent, Observations, rank_test, solve
 from qsframework.experiment import Experiment, make_plan, simulate
 from qsframework.identify import EstimateState, identify
-from qsframework.information import information_rows, predicted_sd, promised_sd
+from qsframework.information import information_rows, predicted_sd, sd_of_poses
 from qsframework.plugin import Array, Parameter, build_effects
 from qsframework.plugin.facts import frozen
 
@@ -145,15 +145,15 @@ def test_joint_1_under_a_vertical_load(power: int) -> None:
     """Its sd grows as the tilt falls, until it is named as not told: at no tilt is it silently small."""
     experiment = vertical_only(10.0**power)
     plan = make_plan(poses(experiment, 20), ["w"] * 20)
-    sd = promised_sd(experiment, plan)
+    sd = predicted_sd(experiment, plan)
     joint_1 = experiment.fit_names().index("joint_compliance[joint_1]")
-    usual = promised_sd(vertical_only(0.1), make_plan(poses(vertical_only(0.1), 20), ["w"] * 20))[joint_1]
+    usual = predicted_sd(vertical_only(0.1), make_plan(poses(vertical_only(0.1), 20), ["w"] * 20))[joint_1]
     together = joint_sd(experiment, [plan])[joint_1]
     assert sd[joint_1] == np.inf or sd[joint_1] == pytest.approx(usual * 0.1 / 10.0**power, rel=0.05)
     assert together == np.inf or together == pytest.approx(usual * 0.1 / 10.0**power, rel=0.05)
     known = noisy(experiment, SIGMA)
     fit = identify(known, simulate(known, plan, seed=1).readings)
-    if left := fit.left_aside:
+    if left := fit.not_estimated:
         assert [entry.name for entry in left] == ["joint_compliance[joint_1]"]
         assert power <= -5
         return
@@ -183,7 +183,7 @@ def test_what_is_tied_among_small_columns_is_not_lost_to_them() -> None:
             first, other, noise = rng.standard_normal((3, 12, 9))
             return np.stack([first, first + 1.65e-9 * noise, 1e-9 * other], axis=-1).reshape(12, 3, 3, 3)
 
-    sd = predicted_sd(Fixed(), batch, "abc", 1.0)  # pyright: ignore[reportArgumentType]
+    sd = sd_of_poses(Fixed(), batch, "abc", 1.0)  # pyright: ignore[reportArgumentType]
     assert np.isinf(sd[:2]).all()
     assert sd[2] == pytest.approx(1.0 / (1e-9 * np.sqrt(108)), rel=0.2)
     assert model.names
@@ -240,7 +240,9 @@ def test_forty_parameters_are_designed_for_and_identified() -> None:
     assert np.abs((fit.x[found] - x[found]) / sd).max() < 100.0
     error = np.abs(fit.x[chosen] - x[chosen]) / [p.scale for p in experiment.fit_parameters()]
     assert error.max() < 0.1
-    designed = design(experiment, 30, candidates=candidates(), wish=Wish(criterion="D", polish=False, starts=1))
+    designed = design(
+        experiment, 30, candidates=candidates(), options=DesignOptions(criterion="D", polish=False, starts=1)
+    )
     assert designed.certificate is not None
     assert designed.certificate.relaxed_efficiency > 0.9999
     assert 0.8 < designed.certificate.efficiency <= 1.0
@@ -249,11 +251,11 @@ def test_forty_parameters_are_designed_for_and_identified() -> None:
 def test_what_forty_parameters_cannot_tell_is_named() -> None:
     experiment = forty()
     plan = make_plan(poses(experiment, 60), ["w"] * 60)
-    lost = [n for n, v in zip(experiment.fit_names(), promised_sd(experiment, plan), strict=True) if np.isinf(v)]
+    lost = [n for n, v in zip(experiment.fit_names(), predicted_sd(experiment, plan), strict=True) if np.isinf(v)]
     assert lost
     fit = identify(experiment, simulate(experiment, plan, seed=3).readings)
-    left = {entry.name for entry in fit.left_aside}
-    said = " ".join(entry.words() for entry in fit.left_aside)
+    left = {entry.name for entry in fit.not_estimated}
+    said = " ".join(entry.words() for entry in fit.not_estimated)
     assert left
     assert all(name in said or name in left for name in lost), (
         "each is left aside, or named as what absorbs one that is"

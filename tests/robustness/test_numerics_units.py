@@ -24,7 +24,7 @@ from numerics import (
     with_forces,
 )
 
-from qsframework.design import Wish, design
+from qsframework.design import DesignOptions, design
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, load_experiment, make_plan, read_readings, simulate, write_readings
 from qsframework.experiment.observations import REACH
@@ -105,9 +105,9 @@ def test_fits_with_the_balancer_do_not_depend_on_the_unit_of_force(options: FitO
 @pytest.mark.parametrize("criterion", ["D", "A", "I", "G"])
 @pytest.mark.parametrize("k", [1e-9, 1e9])
 def test_plans_do_not_depend_on_the_unit_of_force(criterion: str, k: float) -> None:
-    wish = Wish(criterion=criterion, polish=False, starts=3)
-    wanted = design(campaign(), 8, candidates=candidates(), wish=wish)
-    found = design(in_force_unit(campaign(), k), 8, candidates=candidates(), wish=wish)
+    options = DesignOptions(criterion=criterion, polish=False, starts=3)
+    wanted = design(campaign(), 8, candidates=candidates(), options=options)
+    found = design(in_force_unit(campaign(), k), 8, candidates=candidates(), options=options)
     assert np.array_equal(found.pendant, wanted.pendant)
     assert found.certificate is not None
     assert wanted.certificate is not None
@@ -149,8 +149,8 @@ def test_fits_and_plans_do_not_depend_on_the_unit_of_a_parameter(power: int, res
         wanted = identify(one, data, options=options)
         factors = np.where(["odd" in n for n in wanted.names], k, 1.0)
         same_fits(identify(other, data, options=options), wanted, factors, stepwise=True)  # a sensor's angles
-    wish = Wish(criterion="D", polish=False, starts=2)
-    plans = [design(e, 8, candidates=candidates(), wish=wish) for e in (one, other)]
+    options = DesignOptions(criterion="D", polish=False, starts=2)
+    plans = [design(e, 8, candidates=candidates(), options=options) for e in (one, other)]
     assert np.array_equal(plans[0].pendant, plans[1].pendant)
     certificates = [p.certificate for p in plans]
     assert certificates[0] is not None

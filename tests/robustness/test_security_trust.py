@@ -282,7 +282,7 @@ def test_it_is_diagnosed_and_extended(campaign: Path, tmp_path: Path) -> None:
     )
     write_readings(campaign.with_name("readings.csv"), simulate(true, plan, seed=2).readings, experiment)
     found = diagnose(experiment, read_readings(campaign.with_name("readings.csv"), experiment), seed=2)
-    named = {name for f in found.findings for name in (f.name, *(r.name for r in f.rivals))}
+    named = {name for f in found.findings for name in (f.name, *(r.name for r in f.alternatives))}
     assert "soft_ground[y]" in named, diagnosis_words(found)
     write_extended(found, tmp_path / "extended")
     assert (tmp_path / "extended" / "robot" / "effects" / "soft_ground.py").read_text() == EFFECT

@@ -34,7 +34,7 @@ from qsframework.applications.day.record import (
     unread,
     write_tables,
 )
-from qsframework.applications.protocol import ProtocolWish, make_protocol
+from qsframework.applications.protocol import ProtocolOptions, make_protocol
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.experiment import Experiment, Plan
 from qsframework.files.journal import Journal
@@ -75,12 +75,12 @@ class Judged:
     mistake: Explanation | None
 
 
-def begin(experiment: Experiment, plan: Plan, folder: Path, wish: ProtocolWish | None = None) -> Day:
+def begin(experiment: Experiment, plan: Plan, folder: Path, options: ProtocolOptions | None = None) -> Day:
     """The day of a plan, begun or, where the folder holds one, continued: what nobody has judged yet is judged.
 
     InputError where the plan does not belong to the experiment, or the folder to another plan.
     """
-    protocol = make_protocol(experiment, plan, wish)
+    protocol = make_protocol(experiment, plan, options)
     with opened(folder, protocol) as journal:
         series = experiment.frames[0].series if experiment.frames else "S1"
         series = protocol.visits[0].station or series

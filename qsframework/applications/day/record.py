@@ -302,7 +302,7 @@ def _cells(protocol: Protocol, entry: Entry, began: float) -> Iterator[list[str]
             str(visit.repeat),
             str(state.cycle),
             f"{entry.time - began:.0f}",
-            protocol.wish.drive,
+            protocol.options.drive,
             "0" if entry.said == DOUBT else "1",
         ]
 

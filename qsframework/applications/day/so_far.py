@@ -1,4 +1,4 @@
-"""What the readings tell so far: the parameters against what the plan promised, and which poses would help most.
+"""What the readings tell so far: the parameters against what the plan predicted, and which poses would help most.
 
 Too slow to stand between a reading and its answer: it is worked out beside the day, after every visit.
 """
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from qsframework.diagnose.result import Diagnosis
 
 _ENOUGH = 1.1
-"""An sd this many times the promised one is as good as it."""
+"""An sd this many times the predicted one is as good as it."""
 _CANDIDATES = 200
 _POINTS = 12
 """Of the curves of sds against visits."""
@@ -40,17 +40,17 @@ _DIAGNOSED, _EVERY = 8, 4
 
 @dataclass(frozen=True)
 class Told:
-    """One parameter, SI: its value and sd so far, and the sd that the whole plan promises."""
+    """One parameter, SI: its value and sd so far, and the sd that the whole plan predicts."""
 
     name: str
     unit: str
     value: float
     sd: float
-    promised: float
+    predicted: float
 
     @property
     def enough(self) -> bool:
-        return self.sd <= _ENOUGH * self.promised
+        return self.sd <= _ENOUGH * self.predicted
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -73,12 +73,12 @@ class SoFar:
 
     @property
     def enough(self) -> bool:
-        """Whether every parameter is told as well as the plan promised, and no cause is open."""
+        """Whether every parameter is told as well as the plan predicted, and no cause is open."""
         return bool(self.told) and all(t.enough for t in self.told) and not self.causes
 
 
 def so_far(day: Day) -> SoFar:
-    """The fit of what was accepted, beside what was promised."""
+    """The fit of what was accepted, beside what was predicted."""
     each = 60.0 * day.record.protocol.hours / max(len(day.record.protocol.visits), 1)
     rest = each * (len(day.record.protocol.visits) - day.visits_done)
     none = SoFar(
@@ -96,11 +96,11 @@ def so_far(day: Day) -> SoFar:
         fit = identify(day.experiment, readings)
     except QsfError as error:
         return replace(none, why=str(error))
-    promised = promised_sd(day)
+    predicted = predicted_sd(day)
     told = tuple(
-        Told(e.name, e.unit, e.value, sd, promised.get(e.name, np.inf))
+        Told(e.name, e.unit, e.value, sd, predicted.get(e.name, np.inf))
         for e, sd in zip(fit.estimates, fit.sd_total, strict=True)
-        if e.name in promised
+        if e.name in predicted
     )
     history = _history(day.experiment, readings, [t.name for t in told])
     history = _history(day.experiment, readings, [t.name for t in told])
@@ -122,13 +122,13 @@ def _history(
     return tuple((count, tuple(sd.tolist())) for count, sd in zip(counts, sds, strict=True))
 
 
-def promised_sd(day: Day) -> dict[str, float]:
+def predicted_sd(day: Day) -> dict[str, float]:
     """The sd that each fitted parameter has when the whole protocol was read as expected."""
-    return _promised(day.expected)
+    return _predicted(day.expected)
 
 
 @lru_cache(maxsize=1)
-def _promised(e: Expected) -> dict[str, float]:
+def _predicted(e: Expected) -> dict[str, float]:
     """The same, worked out once a day: what is expected does not change."""
     protocol = e.protocol
     place = e.model.positions(e.poses, loaded=True)

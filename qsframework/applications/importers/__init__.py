@@ -1,5 +1,5 @@
 """Readings from the files of others: trackers' point lists and controllers' joint logs."""
 
-from qsframework.applications.importers.importing import Imported, ImportWish, import_readings
+from qsframework.applications.importers.importing import Imported, ImportOptions, import_readings
 
-__all__ = ["ImportWish", "Imported", "import_readings"]
+__all__ = ["ImportOptions", "Imported", "import_readings"]

@@ -58,7 +58,7 @@ UNLOADED = "unloaded"
 
 
 @dataclass(frozen=True, kw_only=True)
-class ImportWish:
+class ImportOptions:
     """What the user says. columns: a column's name or number by role; units: of what nobody else says; names:
     found=meant in names; match: how points find their readings; join: how a joint log is joined, "" by its names if it
     has any; state: of points that do not say it; ignore: patterns of points' names; sheet, separator, decimal: of the
@@ -82,7 +82,7 @@ class ImportWish:
     within: float = 0.05
 
 
-PLAIN_WISH = ImportWish(columns={}, names={})
+PLAIN_OPTIONS = ImportOptions(columns={}, names={})
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -90,7 +90,7 @@ class Imported:
     """What was taken for what. files: point lists, logs and known points; points: with their slots, in the order of the
     table; angles: where they are from, "plan", "columns", "names", "order" or "time"
 
-    missing: readings of the plan that no point is of; ignored: points left out; unseen: points without sight;
+    missing: readings of the plan that no point is of; ignored: points left out; hidden: points without sight;
     placed: by series how the points lie to the arm; aligned: frames; header and rows: the table; readings: the table,
     read back
     """
@@ -102,7 +102,7 @@ class Imported:
     campaign: Campaign
     missing: tuple[PlanSlot, ...]
     ignored: tuple[TrackerPoint, ...]
-    unseen: tuple[TrackerPoint, ...]
+    hidden: tuple[TrackerPoint, ...]
     known: tuple[TrackerPoint, ...]
     placed: tuple[Placed, ...]
     aligned: tuple[Aligned, ...]
@@ -113,21 +113,33 @@ class Imported:
 
 
 def import_readings(
-    experiment: Experiment, files: Sequence[Path], plan: Path | None = None, wish: ImportWish = PLAIN_WISH
+    experiment: Experiment, files: Sequence[Path], plan: Path | None = None, options: ImportOptions = PLAIN_OPTIONS
 ) -> Imported:
-    """Readings from point lists and joint logs; plan: a plan.csv or the table of states to fill in.
+    """Readings from point lists and joint logs.
 
-    InputError with file, row, what was found and what to state, wherever two readings of the files are possible.
+    Args:
+        experiment: the campaign.
+        files: point lists, and a joint log, as they were exported.
+        plan: a plan.csv, or the table of states to fill in.
+        options: columns, units and names that the files do not state.
+
+    Returns:
+        The rows of a readings file, and how columns and points were mapped.
+
+    Raises:
+        InputError: with file, row, what was found and what to state, wherever two interpretations are possible.
     """
-    _check_wish(wish)
-    units = stated_units(wish.units)
-    sheets = _collected([partial(read_sheet, p, wish.sheet, wish.separator, wish.decimal, wish.ignore) for p in files])
+    _check_options(options)
+    units = stated_units(options.units)
+    sheets = _collected(
+        [partial(read_sheet, p, options.sheet, options.separator, options.decimal, options.ignore) for p in files]
+    )
     ours = [sheet for sheet in sheets if _is_ours(sheet, experiment)]
     if ours:
         return _rewritten(ours, sheets, experiment)
-    stated = Stated(wish.columns, units, wish.join == "time")
+    stated = Stated(options.columns, units, options.join == "time")
     joints = experiment.robot.facts.driven
-    check_columns(sheets, wish.columns, len(joints))
+    check_columns(sheets, options.columns, len(joints))
     listings = _collected([partial(interpret, s, stated, joints) for s in sheets])
     lists, logs = [li for li in listings if li.is_points], [li for li in listings if not li.is_points]
     if not lists:
@@ -136,8 +148,8 @@ def import_readings(
     if len(logs) > 1:
         where = ", ".join(li.sheet.where for li in logs)
         raise InputError(Problem("several joint logs", where, hint="Join them into one file, or import day by day."))
-    known = None if wish.align in ("", UNLOADED) else _known(Path(wish.align), wish, stated, joints)
-    return _Import(experiment, lists, logs[0] if logs else None, known, plan, wish).run()
+    known = None if options.align in ("", UNLOADED) else _known(Path(options.align), options, stated, joints)
+    return _Import(experiment, lists, logs[0] if logs else None, known, plan, options).run()
 
 
 def _collected(calls: Sequence[Callable[[], T]]) -> list[T]:
@@ -154,15 +166,15 @@ def _collected(calls: Sequence[Callable[[], T]]) -> list[T]:
     return out
 
 
-def _check_wish(wish: ImportWish) -> None:
+def _check_options(options: ImportOptions) -> None:
     problems = [
         Problem(f"unknown way to {what}", found=repr(value), allowed=", ".join(allowed), hint=nearest(value, allowed))
-        for what, value, allowed in (("match points", wish.match, MATCHES), ("join a log", wish.join, JOINS))
+        for what, value, allowed in (("match points", options.match, MATCHES), ("join a log", options.join, JOINS))
         if value and value not in allowed
     ]
-    if not 0.0 < wish.within < 100.0:
+    if not 0.0 < options.within < 100.0:
         problems.append(
-            Problem("the distance within which a point fits", found=f"{wish.within:g} m", allowed="0 to 100 m")
+            Problem("the distance within which a point fits", found=f"{options.within:g} m", allowed="0 to 100 m")
         )
     if problems:
         raise InputError(problems)
@@ -173,10 +185,10 @@ def _is_ours(sheet: Sheet, experiment: Experiment) -> bool:
     return any(own_columns(sheet.header, own) for own in columns)
 
 
-def _known(path: Path, wish: ImportWish, stated: Stated, joints: Sequence[str]) -> Listing:
+def _known(path: Path, options: ImportOptions, stated: Stated, joints: Sequence[str]) -> Listing:
     """A file of known points in the base frame."""
-    listing = interpret(read_sheet(path, "", wish.separator, wish.decimal), stated, joints)
-    if not listing.is_points or "name" not in listing.texts or listing.unseen.any():
+    listing = interpret(read_sheet(path, "", options.separator, options.decimal), stated, joints)
+    if not listing.is_points or "name" not in listing.texts or listing.hidden.any():
         raise InputError(Problem("known points have a name and x, y, z in the base frame", str(path)))
     if not listing.unit:
         hint = "Write it into the heading, as x_mm."
@@ -206,7 +218,7 @@ def _rewritten(ours: Sequence[Sheet], sheets: Sequence[Sheet], experiment: Exper
         campaign=EMPTY,
         missing=(),
         ignored=(),
-        unseen=(),
+        hidden=(),
         known=(),
         placed=(),
         aligned=(),
@@ -226,7 +238,7 @@ class _Import:
     log: Listing | None
     known: Listing | None
     plan: Path | None
-    wish: ImportWish
+    options: ImportOptions
 
     @property
     def joints(self) -> int:
@@ -242,36 +254,36 @@ class _Import:
                 raise InputError(Problem(message, listing.sheet.where, hint=hint))
 
     def run(self) -> Imported:
-        wish, experiment = self.wish, self.experiment
+        options, experiment = self.options, self.experiment
         campaign = EMPTY if self.plan is None else read_campaign(self.plan, experiment)
-        naming = Naming(wish.names, wish.state, wish.series, wish.ignore)
+        naming = Naming(options.names, options.state, options.series, options.ignore)
         lists = [without_idle_names(li, campaign, experiment, naming) for li in self.lists]
         self._check_travels()
         how = self._join(campaign, naming)
         logged: list[str] = []
         if self.log is not None and how == "names":
-            logged = names_of(self.log, campaign, dict(wish.names))
+            logged = names_of(self.log, campaign, dict(options.names))
             if not campaign.poses:
                 campaign = campaign.with_poses(poses_of(self.log, logged, self.joints))
         if not campaign.poses:
             campaign, lists = self._found_poses(lists, naming, how)
         points, ignored = read_points(lists, campaign, experiment, naming)
         points, seen = self._parted(points)
-        blind = [p for p in points if p.listing.unseen[p.row]]
-        if wish.match == "names":
+        blind = [p for p in points if p.listing.hidden[p.row]]
+        if options.match == "names":
             check_order_meant(points, campaign, experiment)
-        if "order" not in (wish.match, how):
-            points = [p for p in points if not p.listing.unseen[p.row]]
+        if "order" not in (options.match, how):
+            points = [p for p in points if not p.listing.hidden[p.row]]
         if not points:
             raise InputError(Problem("no point is left to take", ", ".join(li.sheet.where for li in lists)))
         aligned = self._known_frame(seen)
         points = [_of_station(p, campaign) for p in self._matched(points, campaign, aligned)]
         pendant = self._angles(points, campaign, how, logged)
-        pendant = pendant[[not p.listing.unseen[p.row] for p in points]]
-        points = [p for p in points if not p.listing.unseen[p.row]]
+        pendant = pendant[[not p.listing.hidden[p.row] for p in points]]
+        points = [p for p in points if not p.listing.hidden[p.row]]
         check_units(points, pendant, experiment)
-        placed = check_places(points, pendant, campaign, experiment, wish.within)
-        if wish.align == UNLOADED:
+        placed = check_places(points, pendant, campaign, experiment, options.within)
+        if options.align == UNLOADED:
             aligned = self._unloaded_frames(points, pendant)
         header, rows = readings_rows(points, pendant, experiment.robot.controller.units, campaign)
         origins = [(p.listing.sheet.where, p.line) for p in points]
@@ -281,12 +293,12 @@ class _Import:
         return Imported(
             files=files,
             points=tuple(points),
-            match=wish.match,
+            match=options.match,
             angles=how,
             campaign=campaign,
             missing=tuple(s for s in campaign.order if s not in slots),
             ignored=tuple(ignored),
-            unseen=tuple(blind),
+            hidden=tuple(blind),
             known=tuple(seen),
             placed=placed,
             aligned=aligned,
@@ -303,8 +315,8 @@ class _Import:
             if not campaign.poses:
                 raise InputError(self._no_angles())
             return "plan"
-        if self.wish.join:
-            return self.wish.join
+        if self.options.join:
+            return self.options.join
         if any(names_of(self.log, campaign, dict(naming.names))):
             return "names"
         message = "nothing says how the rows of this joint log belong to the points: it names no pose"
@@ -341,7 +353,7 @@ class _Import:
             angles = join_order(points, self.log, self.joints)
         else:
             assert self.log is not None
-            angles, stops = join_time(points, self.log, self.joints, self.wish.clock, EMPTY)
+            angles, stops = join_time(points, self.log, self.joints, self.options.clock, EMPTY)
         poses: dict[str, Array] = {}
         named: dict[tuple[int, int], str] = {}
         problems: list[Problem] = []
@@ -349,7 +361,7 @@ class _Import:
             counted = f"s{stops[i]:02d}" if stops else str(visits[i] + 1)
             name = point.said.pose or "_".join(point.said.unknown) or counted
             if name in poses and np.abs(poses[name] - own).max() > 1e-3:
-                hint = "Let the names, or a column, tell the poses apart."
+                hint = "Let the names, or a column, distinguish the poses."
                 problems.append(point.problem(f"pose {name!r} has other angles than above", "name", hint=hint))
             poses.setdefault(name, own)
             named[id(point.listing), point.row] = name
@@ -385,9 +397,9 @@ class _Import:
             names = tuple(p.name for p in own)
             found = align("known", there, points, names, series, self.known.sheet.where)
             worst = int(np.argmax(found.missed))
-            if found.missed[worst] > self.wish.within:
+            if found.missed[worst] > self.options.within:
                 message = f"the known point {names[worst]!r} does not lie where it should beside the others"
-                size, most = f"{1e3 * found.missed[worst]:.1f} mm off", f"up to {1e3 * self.wish.within:g} mm"
+                size, most = f"{1e3 * found.missed[worst]:.1f} mm off", f"up to {1e3 * self.options.within:g} mm"
                 hint = "Look at its name, the units of both files and the order of x, y, z."
                 raise InputError(own[worst].problem(message, found=size, allowed=most, hint=hint))
             out.append(found)
@@ -396,18 +408,18 @@ class _Import:
     def _matched(
         self, points: list[TrackerPoint], campaign: Campaign, aligned: Sequence[Aligned]
     ) -> list[TrackerPoint]:
-        if self.wish.match == "order":
+        if self.options.match == "order":
             found = match_order(points, campaign, self.experiment)
             check_twice(found)
             return found
-        if self.wish.match == "names":
+        if self.options.match == "names":
             return match_names(points, campaign, self.experiment)
         out: list[TrackerPoint] = []
         for series in dict.fromkeys(p.series for p in points):
             own = [p for p in points if p.series == series]
             _need_unit(own)
             frame = self._frame(series, aligned)
-            out += match_nearest(own, campaign, self.experiment, frame, self.wish.within)
+            out += match_nearest(own, campaign, self.experiment, frame, self.options.within)
         return out
 
     def _frame(self, series: str, aligned: Sequence[Aligned]) -> Frame:
@@ -433,7 +445,7 @@ class _Import:
         elif how == "order":
             found = join_order(points, self.log, self.joints)
         else:
-            found, _ = join_time(points, self.log, self.joints, self.wish.clock, campaign)
+            found, _ = join_time(points, self.log, self.joints, self.options.clock, campaign)
         check_planned(points, found, campaign, self.log)
         return found
 

@@ -77,7 +77,7 @@ def align(kind: str, there: Array, points: Array, names: tuple[str, ...], series
     for what, values in (("", there), (" as the tracker sees them", points)):
         length, across = _spread(values)
         if across < _FLAT * length or length < 1e-3:
-            message = f"the points{what} lie in a line, about which nothing tells how the frame is turned"
+            message = f"the points{what} lie in a line, about which the rotation of the frame is not identifiable"
             found = f"{1e3 * across:.3g} mm across, {1e3 * length:.4g} mm along ({', '.join(names[:6])})"
             hint = "Measure one more point away from that line."
             raise InputError(Problem(message, where, found=found, hint=hint))

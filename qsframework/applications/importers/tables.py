@@ -56,7 +56,7 @@ class Listing:
 
     unit: of the coordinates, "" where nobody says it (they are then as the file has them)
     clock: what times are counted from; left: columns of which nothing was taken
-    unseen (N,): rows in which the instrument saw nothing
+    hidden (N,): rows in which the instrument saw nothing
     """
 
     sheet: Sheet
@@ -64,7 +64,7 @@ class Listing:
     left: tuple[str, ...]
     texts: Mapping[str, tuple[str, ...]]
     numbers: Mapping[str, Array]
-    unseen: npt.NDArray[np.bool_]
+    hidden: npt.NDArray[np.bool_]
     unit: str = ""
     clock: str = ""
 
@@ -137,7 +137,7 @@ def interpret(sheet: Sheet, stated: Stated, joints: Sequence[str]) -> Listing:
     columns one thing, where a cell is no number; with a proposal what to state.
     """
     roles = _complete(sheet, _roles(sheet, stated, joints), len(joints))
-    unseen = _unseen(sheet, roles)
+    hidden = _hidden(sheet, roles)
     above = units_above(sheet.above)
     problems: list[Problem] = []
     taken: list[Taken] = []
@@ -149,7 +149,7 @@ def interpret(sheet: Sheet, stated: Stated, joints: Sequence[str]) -> Listing:
     for role, (k, told) in roles.items():
         cells = [row.cells[k] for row in sheet.rows]
         if role in XYZ:
-            cells = ["" if blind else cell for cell, blind in zip(cells, unseen, strict=True)]
+            cells = ["" if blind else cell for cell, blind in zip(cells, hidden, strict=True)]
         if role in PLAIN:
             texts[role] = tuple(cells)
             taken.append(Taken(role, sheet.column(k), "", "stated" if role in stated.columns else "header"))
@@ -164,7 +164,7 @@ def interpret(sheet: Sheet, stated: Stated, joints: Sequence[str]) -> Listing:
         else:
             si = MEASURED.get(role, "rad")
             unit, by = _unit(si, told, above, stated)
-            optional = unseen | (role in ("temperature", "sigma"))
+            optional = hidden | (role in ("temperature", "sigma"))
             values, own = _numbers(sheet, k, cells, optional, problems)
             if own and unit and own != unit:
                 problems.append(sheet.problem(sheet.rows[0], "the cells say another unit", k, found=own, allowed=unit))
@@ -187,7 +187,7 @@ def interpret(sheet: Sheet, stated: Stated, joints: Sequence[str]) -> Listing:
         left=tuple(left),
         texts=texts,
         numbers=numbers,
-        unseen=unseen,
+        hidden=hidden,
         unit=length,
         clock=clock,
     )
@@ -309,7 +309,7 @@ def _is_quaternion(sheet: Sheet, columns: Sequence[int]) -> bool:
     return all(abs(sum(float(c) ** 2 for c in own) - 1.0) < 1e-3 for own in cells)
 
 
-def _unseen(sheet: Sheet, roles: Mapping[str, tuple[int, Meaning]]) -> npt.NDArray[np.bool_]:
+def _hidden(sheet: Sheet, roles: Mapping[str, tuple[int, Meaning]]) -> npt.NDArray[np.bool_]:
     """Rows (N,) in which no coordinate was seen: all three empty, no number by any name, or beyond any place; in blocks
     of columns, as motion capture writes them, zero too."""
     places = [roles[a][0] for a in XYZ if a in roles]

@@ -16,7 +16,7 @@ from qsframework.estimation.tails import f_sf
 from qsframework.estimation.visit_noise import RHOS, VisitNoise
 from qsframework.experiment import Experiment, ObservationModel, Readings
 from qsframework.experiment.observations import ReadingRows
-from qsframework.identify.selection import told_names
+from qsframework.identify.selection import identifiable_names
 from qsframework.plugin import Array, Indices
 
 _MOST_REPEATS = 1500
@@ -49,10 +49,10 @@ def split_told(seen: ObservationModel) -> tuple[tuple[str, ...], tuple[str, ...]
 
     seen: the readings at the nominal arm, in its best frames
     """
-    told, _, _ = told_names(seen, weakly=True)
+    told, _, _ = identifiable_names(seen, weakly=True)
     if not told:
         raise NotIdentifiable(
-            f"these readings tell none of {', '.join(seen.names)}: was the arm loaded? If it was, check the nominal "
+            f"these readings identify none of {', '.join(seen.names)}: was the arm loaded? Else check the nominal "
             "values"
         )
     return tuple(told), tuple(n for n in seen.names if n not in told)

@@ -108,7 +108,9 @@ def finest(left: Sequence[Leftover], likely: Sequence[Likely]) -> tuple[Leftover
     return tuple(sorted(found, key=lambda x: -x.evidence))
 
 
-def contested(blocks: Sequence[Block], fits: Reml, values: Array, name: NamedEffect) -> tuple[Leftover, bool] | None:
+def open_alternative(
+    blocks: Sequence[Block], fits: Reml, values: Array, name: NamedEffect
+) -> tuple[Leftover, bool] | None:
     """The generic block that stands in the place of a name best, where one does, and whether it is so far ahead that
     the name cannot stand beside it; fits: of all but the name."""
     found = evidence(

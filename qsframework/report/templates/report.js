@@ -63,8 +63,8 @@ unfold();
 // Scenes stand packed in the page. Their canvas keeps what was drawn, so that it can be copied for the printer.
 const KEEP = `<script>{
   const get = HTMLCanvasElement.prototype.getContext;
-  HTMLCanvasElement.prototype.getContext = function (kind, wish) {
-    return get.call(this, kind, {...wish, preserveDrawingBuffer: true});
+  HTMLCanvasElement.prototype.getContext = function (kind, options) {
+    return get.call(this, kind, {...options, preserveDrawingBuffer: true});
   };
 }<\/script>`;
 every("iframe[data-page]", async frame => {

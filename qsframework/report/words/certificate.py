@@ -32,10 +32,10 @@ def held_out_words(found: Certificate) -> str:
     """Which readings the accuracy is of."""
     if found.validation.halves:
         return (
-            f"No reading is left that the fit has not seen, so {found.validation.halves} random halves of the poses "
+            f"There are no held-out readings, so {found.validation.halves} random halves of the poses "
             "were fitted and the other half judged each time: the whole fit is no worse than that."
         )
-    return f"At {found.readings} readings of {found.poses} poses that the fit has not seen."
+    return f"At {found.readings} readings of {found.poses} held-out poses."
 
 
 def conformity_words(c: Conformity | None) -> str:
@@ -60,7 +60,7 @@ def assumed_words(found: Certificate) -> list[str]:
     if found.fit.total_covariance is None:
         out.append("The load is taken as exactly known: no uncertainty of it is stated.")
     if found.fit.masked_rows:
-        out.append(f"{len(found.fit.masked_rows)} readings were not used by the fit: they are gross.")
+        out.append(f"{len(found.fit.masked_rows)} readings were not used by the fit: they are outliers.")
     if "instrument" not in {s.source for s in found.budget}:
         out.append("Nobody states what the instrument adds: its part is within what the model does not describe.")
     out += [f"{note}." for note in found.validation.notes]

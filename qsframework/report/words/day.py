@@ -142,13 +142,13 @@ def so_far_words(found: SoFar) -> str:
         return f"After {found.visits} visits the readings give no fit yet: {found.why}"
     known = sum(t.enough for t in found.told)
     which = f"{known} of {len(found.told)} parameters"
-    said = f"After {found.visits} visits {which} are identified as well as the plan promised"
+    said = f"After {found.visits} visits {which} are identified as well as the plan predicted"
     if found.causes:
         said += f", of a model without {listed(found.causes)}, which the readings name: they say no more than it holds"
     if found.enough:
         return f"{said}: enough. The rest of the plan takes {found.minutes:.0f} minutes."
-    worst = max((t for t in found.told), key=lambda t: t.sd / t.promised if t.promised > 0 else 0.0)
-    said += f"; {worst.name} is furthest ({worst.sd / worst.promised:.1f} times its sd). "
+    worst = max((t for t in found.told), key=lambda t: t.sd / t.predicted if t.predicted > 0 else 0.0)
+    said += f"; {worst.name} is furthest ({worst.sd / worst.predicted:.1f} times its sd). "
     said += f"The rest of the plan takes {found.minutes:.0f} minutes"
     if found.help is not None:
         said += f"; the three poses that would help most, {found.help_minutes:.0f} minutes, are: "

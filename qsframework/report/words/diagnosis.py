@@ -8,7 +8,7 @@ from enum import Enum
 
 import numpy as np
 
-from qsframework.diagnose.result import Alike, Diagnosis, Errors, Leftover, Line, NamedCause, Status, Taught
+from qsframework.diagnose.result import Alike, Diagnosis, Errors, LearnedLaw, Leftover, Line, NamedCause, Status
 from qsframework.diagnose.selection.cross_validation import FOLDS
 from qsframework.diagnose.verdict import misfits
 from qsframework.discriminate.pair import Discrimination
@@ -27,8 +27,8 @@ ALONE = "explained by the named causes"
 """Of a cause that is plain by itself, but shows nothing that the named ones do not."""
 UNHELD = "seen, but no fit with it holds"
 _ALIKE = float(np.deg2rad(1.0))
-"""Angle below which no poses are promised: whether any tell the two is still to be computed."""
-TOO_WEAK = "It shows too little to learn its law: more poses, or repeats, would tell."
+"""Angle below which no poses are predicted: whether any tell the two is still to be computed."""
+TOO_WEAK = "It is too weak to learn a correction: add poses or repeats."
 _HARDLY = 3.0
 """s below which readings hardly tell a learned law from a cause of the library."""
 
@@ -56,13 +56,24 @@ class Statement:
 
 
 def diagnosis_words(found: Diagnosis, pairs: Sequence[Discrimination] = ()) -> str:
-    """The verdict, what it rests on and what would settle the rest, as one paragraph."""
+    """The verdict, what it rests on and what to measure next, as text.
+
+    Args:
+        found: a diagnosis.
+        pairs: what would separate alternatives, where it was computed.
+
+    Returns:
+        One paragraph.
+
+    Raises:
+        Nothing.
+    """
     steps = [f"Next: {step}" for step in next_steps(found, pairs)]
     return " ".join([headline(found), *map(str, statements(found, pairs)), *steps])
 
 
 def statements(found: Diagnosis, pairs: Sequence[Discrimination] = ()) -> tuple[Statement, ...]:
-    """What the verdict rests on, group by group. pairs: what would separate rivals, where that has been computed."""
+    """What the verdict rests on, group by group. pairs: what would separate alternatives."""
     outlooks = {pair.first: outlook_words(pair) for pair in pairs}
     adopted = {c.name for c in found.conventions if c.compelling}
     said = [Statement(f"{c.words}.{_moved(c)}", c.name) for c in found.conventions if c.compelling]
@@ -70,7 +81,7 @@ def statements(found: Diagnosis, pairs: Sequence[Discrimination] = ()) -> tuple[
     for group, findings in named_groups(found).items():
         own = [f for f in findings if f.name not in adopted]
         said += [Statement(_evidence(f), f.name, group) for f in own]
-        said += [Statement(tied_words(f, outlooks.get(f.name, "")), "", group) for f in own if f.rivals]
+        said += [Statement(tied_words(f, outlooks.get(f.name, "")), "", group) for f in own if f.alternatives]
         said += [Statement(instead_words(f, f.instead), "", group) for f in own if f.instead]
         said += [Statement(_hanging(f), "", group) for f in own if f.hangs_on]
         if own and group is CauseGroup.DOUBTFUL:
@@ -85,8 +96,8 @@ def named_groups(found: Diagnosis) -> dict[CauseGroup, tuple[NamedCause, ...]]:
     """The named causes by how sure they are: certain is only what has no open alternative and foretells poses left
     out."""
     return {
-        CauseGroup.CERTAIN: tuple(f for f in found.sure if not f.contested),
-        CauseGroup.LIKELY: tuple(f for f in found.sure if f.contested),
+        CauseGroup.CERTAIN: tuple(f for f in found.sure if not f.open_alternative),
+        CauseGroup.LIKELY: tuple(f for f in found.sure if f.open_alternative),
         CauseGroup.DOUBTFUL: found.doubtful,
     }
 
@@ -94,7 +105,7 @@ def named_groups(found: Diagnosis) -> dict[CauseGroup, tuple[NamedCause, ...]]:
 def _doubt(findings: Sequence[NamedCause]) -> str:
     names, they = names_words(findings), "it" if len(findings) == 1 else "them"
     return (
-        f"In the noise that was found, the held-out error does not clearly fall with {they}: an extended "
+        f"In the noise that was found, the held-out error is not clearly smaller with {they}: an extended "
         f"robot is written without {names}."
     )
 
@@ -104,15 +115,15 @@ def _open(found: Diagnosis) -> Iterator[str]:
     if found.leftovers:
         also = "also " if found.findings else ""
         left = leftover_words(found.leftovers[0])
-        why = "" if found.taught is not None else TOO_WEAK
+        why = "" if found.learned is not None else TOO_WEAK
         first = f"The readings {also}hold something that no effect of the library explains: {left}. Look there first."
         yield " ".join(filter(None, (first, why, *places_words(found.places))))
-        if found.taught is not None:
-            yield learned_words(found.taught, found.rms)
-            yield alike_words(found.taught)
-    elif found.taught is not None and found.taught.holds:
-        yield f"In the place of {names_words(found.doubtful)}: {learned_words(found.taught, found.rms)}"
-        yield alike_words(found.taught)
+        if found.learned is not None:
+            yield learned_words(found.learned, found.rms)
+            yield alike_words(found.learned)
+    elif found.learned is not None and found.learned.holds:
+        yield f"In the place of {names_words(found.doubtful)}: {learned_words(found.learned, found.rms)}"
+        yield alike_words(found.learned)
     elif misfits(found.after):
         where = poses_words(worst_poses(found, _SHOWN))
         trend = next(iter(found.after.trends), None)
@@ -126,7 +137,7 @@ def _readings(found: Diagnosis) -> Iterator[str]:
     yield from (f"A suspicion: {c.words}." for c in found.conventions if c.name in SUSPECTED)
     if len(found.outliers):
         rows = (str(int(found.readings.line[i])) for i in found.outliers)
-        yield f"Outliers left out: rows {', '.join(rows)}."
+        yield f"Outliers, not used: rows {', '.join(rows)}."
     if found.audit.unit_source != "stated":
         yield from audit_words(found.audit, rows=False)
     elif found.audit.shared > 0.0:
@@ -179,13 +190,13 @@ def status_words(x: Line, found: Diagnosis) -> str:
 
 
 def tied_words(f: NamedCause, outlook: str = "") -> str:
-    """That the readings leave rivals; outlook: what would tell, where that has been computed."""
-    shown = [f"{r.name} (angle {np.rad2deg(r.angle):.0f} deg)" for r in f.rivals[:_SHOWN]]
-    more = f" and {len(f.rivals) - _SHOWN} more" if len(f.rivals) > _SHOWN else ""
+    """That the readings leave alternatives; outlook: what would tell, where that has been computed."""
+    shown = [f"{r.name} (angle {np.rad2deg(r.angle):.0f} deg)" for r in f.alternatives[:_SHOWN]]
+    more = f" and {len(f.alternatives) - _SHOWN} more" if len(f.alternatives) > _SHOWN else ""
     if not outlook:
-        alike = min(r.angle for r in f.rivals) < _ALIKE
+        alike = min(r.angle for r in f.alternatives) < _ALIKE
         outlook = "to these readings they are the same" if alike else "poses can be designed that would"
-    return f"These readings cannot tell {f.name} from {', '.join(shown)}{more}: {outlook}."
+    return f"These readings cannot separate {f.name} from {', '.join(shown)}{more}: {outlook}."
 
 
 def _hanging(f: NamedCause) -> str:
@@ -199,24 +210,24 @@ def leftover_words(x: Leftover) -> str:
     return f"an extra motion at {place_words(x.law)} that depends on {variable_words(x.law)} (p = {x.p_value:.2g})"
 
 
-def learned_words(taught: Taught, errors: Errors) -> str:
+def learned_words(learned: LearnedLaw, errors: Errors) -> str:
     """What the law that was learned is worth."""
-    law = taught.leftover.law
-    what = f"As {taught.name} its law was learned from the readings, {variable_words(law)} at {place_words(law)}"
-    if not taught.holds:
-        why = "the held-out error does not clearly fall" if taught.physical else "a value leaves its bounds"
+    law = learned.leftover.law
+    what = f"As {learned.name} its law was learned from the readings, {variable_words(law)} at {place_words(law)}"
+    if not learned.holds:
+        why = "the held-out error is not clearly smaller" if learned.physical else "a value leaves its bounds"
         return f"{what}, but {why} with it: it is not written."
     return (
-        f"{what} (s = {taught.s:.1f}): held-out error {mm(errors.in_space(taught.before))} \u2192 "
-        f"{mm(errors.in_space(taught.heldout))} mm (3D RMS), {100 * taught.gain:.0f} % less in the noise that was "
+        f"{what} (s = {learned.s:.1f}): held-out error {mm(errors.in_space(learned.before))} \u2192 "
+        f"{mm(errors.in_space(learned.heldout))} mm (3D RMS), {100 * learned.gain:.0f} % less in the noise that was "
         "found. It is an empirical correction, not a physical explanation."
     )
 
 
-def alike_words(taught: Taught) -> str:
+def alike_words(learned: LearnedLaw) -> str:
     """Which causes of the library the law that was learned looks like, and by how much."""
     said: list[str] = []
-    here = [a for a in taught.alike if a.here]
+    here = [a for a in learned.alike if a.here]
     if here:
         first, *more = here
         also = "".join(f"; {a.name} {100 * a.share:.0f} %" for a in more)
@@ -225,7 +236,7 @@ def alike_words(taught: Taught) -> str:
             f"It looks most like {first.name}: {sign}that cause can do {100 * first.share:.0f} % of what this law does "
             f"to the readings ({rest_words(first)}{also})."
         )
-    elsewhere = [f"{a.name} ({100 * a.share:.0f} %)" for a in taught.alike if not a.here]
+    elsewhere = [f"{a.name} ({100 * a.share:.0f} %)" for a in learned.alike if not a.here]
     if elsewhere:
         said.append(f"At another place {' and '.join(elsewhere)} would do the same: the place may be that one.")
     return " ".join(said) or "No effect of the library at this place does half of what it does."
@@ -233,7 +244,7 @@ def alike_words(taught: Taught) -> str:
 
 def rest_words(a: Alike) -> str:
     """What a cause does not do of a learned law."""
-    return f"the rest has s = {a.left:.1f}" + (", which these readings hardly tell" if a.left < _HARDLY else "")
+    return f"the rest has s = {a.left:.1f}" + (", which these readings hardly show" if a.left < _HARDLY else "")
 
 
 def instead_words(f: NamedCause, x: Leftover) -> str:
@@ -265,13 +276,13 @@ def method_words(found: Diagnosis) -> tuple[str, ...]:
     said.append(f"Held-out errors: {folds}; {'the causes are given' if how.far else nested}.")
     if how.far:
         said.append("A named cause is so large that it is far from linear: the noise was estimated again at its size.")
-    if how.untold:
-        said.append(f"These readings do not tell {', '.join(how.untold)}: kept at the nominal value.")
+    if how.unidentifiable:
+        said.append(f"Not identifiable, held at nominal: {', '.join(how.unidentifiable)}.")
     if unrepeatable(found):
         said.append(
             "Each visit has one marker, nothing was repeated and no repeatability is stated: an error that a visit "
-            "shares cannot be told from a marker's own, and p-values take it for the marker's. More markers, or "
-            "repeats of some poses, would tell."
+            "shares cannot be separated from a marker's own, and p-values take it for the marker's. More markers, or "
+            "repeats of some poses, would separate them."
         )
     if found.audit.heavy_tailed:
         said.append("The errors have heavy tails: in the tests large ones count by Huber's rule, as 2.5 sds at most.")

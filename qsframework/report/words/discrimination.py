@@ -33,7 +33,7 @@ def _poses(pair: Discrimination) -> Iterator[str]:
     if not pair.useful:
         apart = f", however many: the angle stays below {degrees(max(pair.limit, np.deg2rad(1.0)))} deg"
         rest = apart if pair.limit < CLOSE else ", s stays near 0"
-        yield f"{first}: no more poses like these tell them apart{rest}."
+        yield f"{first}: no more poses like these separate them{rest}."
         return
     most = f"at most {pair.bound:.1f} by any {count} of {pair.candidates} candidates"
     yield (
@@ -69,11 +69,11 @@ def outlook_words(pair: Discrimination) -> str:
     best = max((o for o in pair.offers if o.s >= SEEN), key=lambda o: o.s, default=None)
     offer = "" if best is None else f"{offer_words(best)} would{_from(pair, best.s)}"
     if pair.useful:
-        poses = f"{len(pair.plan.pose)} more poses would tell it from {pair.second}{_from(pair, pair.s_after)}"
+        poses = f"{len(pair.plan.pose)} more poses would separate it from {pair.second}{_from(pair, pair.s_after)}"
         return f"{poses}, {offer}" if best is not None and best.s > pair.s_after else poses
     if offer:
-        return f"no more poses like these tell it from {pair.second}, {offer}"
-    return f"nothing that was tried tells it from {pair.second}"
+        return f"no more poses like these separate it from {pair.second}, {offer}"
+    return f"nothing that was tried separates it from {pair.second}"
 
 
 def _from(pair: Discrimination, s: float) -> str:

@@ -90,7 +90,7 @@ def alignment_words(alignments: Sequence[Alignment]) -> tuple[str, ...]:
         name = f"series {a.series!r}" if a.series else "the tracker"
         if not a.count:
             out.append(
-                f"Whether {name} has the axes of the base cannot be told from its unloaded markers; it is taken "
+                f"Whether {name} has the axes of the base cannot be seen from its unloaded markers; it is taken "
                 "to have them. State its frame under frames: otherwise."
             )
             continue
@@ -112,12 +112,12 @@ def fit_verdict(fit: Fit, poses: Poses | None = None) -> Verdict:
     asked = [e for e in fit.estimates if e.state is not EstimateState.FIXED]
     known = [e for e in asked if e.state in _KNOWN]
     far = [e.name for e in asked if e.state is EstimateState.OUTSIDE_PRIOR]
-    unknown = [*(e.name for e in asked if e.state not in _KNOWN), *(entry.name for entry in fit.left_aside)]
+    unknown = [*(e.name for e in asked if e.state not in _KNOWN), *(entry.name for entry in fit.not_estimated)]
     total = len(known) + len(unknown)
     p = fit.p_value
     size = f"{mm(before)} \u2192 {mm(after)} mm (3D RMS at held-out poses{_with_masked(fit)})"
     if not np.isfinite(after):
-        size = "no pose can be left out, so nothing says how large the error is at others"
+        size = "no pose can be held out: the held-out error is unknown"
     told = f"{_all(total)} identified" if not unknown else f"{len(known)} of {total} parameters identified"
     mark, word = Mark.GOOD, "Identified"
     if unknown:

@@ -77,7 +77,7 @@ def why_words(p: Prospect) -> str:
     if p.why is Why.ALIASES:
         return f"does the same to these readings as {', '.join(p.aliases)}"
     if p.why is Why.RIVAL:
-        return f"only above {REACH:g} times its typical size is it told from {p.nearest or 'noise'}"
+        return f"only above {REACH:g} times its typical size is it separated from {p.nearest or 'noise'}"
     return kind_words(p.why)
 
 

@@ -41,7 +41,7 @@ def _table(found: Diagnosis, wrong: Sequence[Mistake]) -> str:
     e = found.rms.space
     left = f"held-out error {mm(e.heldout_identified)} mm, noise {mm(e.noise)} (3D RMS)"
     if any(c.hides for c in wrong):
-        rest = "no cause can be told beside it"
+        rest = "no cause can be identified beside it"
     elif found.verdict == "explained":
         rest = f"corrected, it leaves nothing to name ({left})"
     else:
@@ -61,7 +61,7 @@ def _unexplained(found: Diagnosis) -> str:
         what = f"{_left(found)}, as no cause of the library does"
     else:
         what = f"more is left than the noise allows, most of it at {poses_words(worst_poses(found, _WORST))}"
-    t = found.taught
+    t = found.learned
     if t is not None and t.holds:
         before, after = (mm(found.rms.in_space(v)) for v in (t.before, t.heldout))
         left = f"an empirical correction was learned, held-out error {before} \u2192 {after} mm"
@@ -104,15 +104,15 @@ def _reasons(found: Diagnosis) -> Iterator[str]:
     for f in found.sure:
         if f.instead is not None:
             yield f"it may as well be that {moving_words(f.instead.law, found.experiment.robot.facts)}"
-        if len(f.rivals) > MANY:
-            yield f"{f.name} could be any of {len(f.rivals)} other causes"
+        if len(f.alternatives) > MANY:
+            yield f"{f.name} could be any of {len(f.alternatives)} other causes"
     faint = max(found.sure, key=lambda f: f.p_value)
     yield f"{faint.name} is barely seen (p = {faint.p_value:.1g})"
 
 
 def _look(findings: Sequence[NamedCause]) -> str:
     check = next((check_words(f) for f in findings if f.check), "")
-    return f"; look first at: {lower_first(check).rstrip('.')}" if check else ""
+    return f"; check first: {lower_first(check).rstrip('.')}" if check else ""
 
 
 def check_words(f: NamedCause) -> str:

@@ -96,10 +96,10 @@ def import_words(found: Imported) -> tuple[str, ...]:
     if unknown:
         said.append(f"words of the names that say nothing: {_few(unknown)}")
     if found.ignored:
-        said.append(f"left out as told: {_few([p.name for p in found.ignored])}")
-    if found.unseen:
-        rows = [f"{p.listing.sheet.path.name}, line {p.line}{f' ({p.name})' if p.name else ''}" for p in found.unseen]
-        said.append(f"{len(rows)} points without sight are left out: {_few(rows)}")
+        said.append(f"ignored as requested: {_few([p.name for p in found.ignored])}")
+    if found.hidden:
+        rows = [f"{p.listing.sheet.path.name}, line {p.line}{f' ({p.name})' if p.name else ''}" for p in found.hidden]
+        said.append(f"{len(rows)} points without sight are not used: {_few(rows)}")
     if found.missing:
         said.append(
             f"{len(found.missing)} readings of the plan have no point: {_few([label(s) for s in found.missing])}"
@@ -203,7 +203,7 @@ def import_json(found: Imported) -> dict[str, Any]:
         ],
         "missing": [label(s) for s in found.missing],
         "ignored": [p.name for p in found.ignored],
-        "unseen": [{"file": str(p.listing.sheet.path), "line": p.line, "name": p.name} for p in found.unseen],
+        "hidden": [{"file": str(p.listing.sheet.path), "line": p.line, "name": p.name} for p in found.hidden],
         "placed": [{"series": p.series, "count": p.count, "rms": p.rms, "largest": p.largest} for p in found.placed],
         "frames": [_frame_json(a) for a in found.aligned],
     }

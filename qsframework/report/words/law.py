@@ -95,15 +95,15 @@ def places_words(places: Sequence[LikelyPlace]) -> Iterator[str]:
     first, *other = [f"{place_words(x.law)} ({100 * x.share:.0f} %)" for x in places]
     if other:
         yield (
-            f"These readings do not tell whether it is {first} or {' or '.join(other)}: in brackets the share of the "
-            "evidence that each place holds."
+            f"These readings cannot separate {first} from {' and '.join(other)}: in brackets the share of the evidence "
+            "that each place holds."
         )
     best = places[0]
     if not best.law.by:
         yield f"No variable that was tried explains it: it moves by {_moved(best)} (1 sigma), otherwise at each visit."
     if best.equivalent:
         same = listed([place_words(law) for law in best.equivalent])
-        yield f"The same motion of the markers would come from {same}: a reflector or a gauge nearer the base tells."
+        yield f"Equivalent places: {same}. A reflector or a gauge nearer the base separates them."
 
 
 def _moved(place: LikelyPlace) -> str:

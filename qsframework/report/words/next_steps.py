@@ -34,7 +34,7 @@ class NextStep:
 
 
 def next_steps(found: Diagnosis, pairs: Sequence[Discrimination] = ()) -> tuple[NextStep, ...]:
-    """The few steps that would settle most, the plainest first. pairs: what would separate rivals, if computed."""
+    """The few steps that would settle most, the plainest first. pairs: what would separate alternatives."""
     every = (*_repeats(found), *_separating(pairs), *_leftover(found), *_unsure(found), *_recorded(found))
     return tuple({step.do: step for step in every}.values())[:_MOST]
 
@@ -46,23 +46,23 @@ def _repeats(found: Diagnosis) -> Iterator[NextStep]:
     odd = misfits(found.after) and not found.leftovers
     if audit.repeated:
         if odd:
-            yield NextStep(f"Measure {poses_words(names[:3])} again", "tells wrong readings from what the model lacks")
+            yield NextStep(
+                f"Measure {poses_words(names[:3])} again", "separates wrong readings from an unmodelled effect"
+            )
     elif unrepeatable(found):
         yield NextStep(
-            f"{again}, or read more markers at each", "tells an error that a visit shares from a marker's own"
+            f"{again}, or read more markers at each", "separates pose repeatability from single-marker error"
         )
     elif odd:
-        yield NextStep(again, "tells a noise that is larger than stated from what the model lacks")
+        yield NextStep(again, "separates a larger noise from an unmodelled effect")
     elif audit.p_shared < audit.level:
-        yield NextStep(
-            again, "tells an error that the markers share, which is noise, from something that nobody knows yet"
-        )
+        yield NextStep(again, "separates repeatability, which is noise, from an unmodelled effect")
     elif len(set(found.readings.states.pose)) < FEW and found.verdict != "none":
-        yield NextStep(again, "tells an error that the markers share from a cause, which so few poses hardly do")
+        yield NextStep(again, "separates repeatability from a cause, which so few poses hardly do")
 
 
 def unrepeatable(found: Diagnosis) -> bool:
-    """Whether nothing tells an error that a visit shares from a marker's own, and nobody states it."""
+    """Whether nothing separates pose repeatability from single-marker error, and nobody states it."""
     stated = found.experiment.noise.repeatability is not None
     return found.method.lone and not found.audit.repeated and not stated
 
@@ -71,7 +71,7 @@ def _separating(pairs: Sequence[Discrimination]) -> Iterator[NextStep]:
     """What tells a named cause from its nearest rival: more poses, or where these are too little another reading."""
     for pair in pairs:
         best = max((o for o in pair.offers if o.s >= SEEN), key=lambda o: o.s, default=None)
-        what = f"tells {pair.first} from {pair.second}"
+        what = f"separates {pair.first} from {pair.second}"
         if pair.useful and (best is None or pair.s_after >= min(best.s, ENOUGH)):
             yield NextStep(
                 f"Measure {len(pair.plan.pose)} more poses, designed for it", what + _from(pair, pair.s_after)
@@ -93,7 +93,7 @@ def _from(pair: Discrimination, s: float) -> str:
 def _leftover(found: Diagnosis) -> Iterator[NextStep]:
     for law in (*(x.law for x in found.leftovers[:1]), *(f.instead.law for f in found.sure if f.instead)):
         do, what = _trial(law, bool(found.readings.poses.wrench.any()))
-        yield NextStep(do, f"tells {what}")
+        yield NextStep(do, f"shows {what}")
 
 
 def _trial(law: Law, loaded: bool) -> tuple[str, str]:
@@ -124,7 +124,7 @@ def _trial(law: Law, loaded: bool) -> tuple[str, str]:
 def _unsure(found: Diagnosis) -> Iterator[NextStep]:
     """Names that hang on few poses, or without which held-out poses fit as well."""
     if found.doubtful:
-        yield NextStep(f"Measure {_MORE} more poses", f"tells whether {names_words(found.doubtful)} acts at all")
+        yield NextStep(f"Measure {_MORE} more poses", f"shows whether {names_words(found.doubtful)} is there at all")
     for f in found.sure:
         if f.hangs_on:
             resting = f"{f.name} rests on {'them' if len(f.hangs_on[0]) > 1 else 'it'}"

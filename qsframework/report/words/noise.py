@@ -13,13 +13,13 @@ def audit_words(audit: NoiseAudit, rows: bool = True) -> tuple[str, ...]:
     said = [_unit(audit)]
     if rows and len(audit.outliers):
         count = len(audit.outliers)
-        many = f"{count} rows do not belong to the others and are left out."
-        said.append(many if count > 1 else "1 row does not belong to the others and is left out.")
+        many = f"{count} rows are outliers and are not used."
+        said.append(many if count > 1 else "1 row is an outlier and is not used.")
     if audit.p_shared < audit.level:
         size = f"{audit.shared * 1e3:.4f} mm a coordinate (p = {audit.p_shared:.2g})"
         why = "the robot's repeatability"
         if not audit.repeated:
-            why += ", or something unknown: repeat some poses, and the readings tell which"
+            why += ", or something unknown: repeat some poses to find out"
         said.append(f"The markers of a pose share an error of {size}: {why}.")
     if audit.heavy < audit.level:
         said.append(f"Errors have heavier tails than normal ones (p = {audit.heavy:.2g}).")
@@ -34,10 +34,10 @@ def _unit(audit: NoiseAudit) -> str:
         if audit.stated:
             return (
                 "The stated noise is taken as it is: the model uses up every reading and nothing was measured twice, "
-                "so nothing can be told about it without replicates."
+                "so nothing is known about it without replicates."
             )
         return (
-            "The noise is unknown, and nothing can be told about it without replicates: the residuals' size is used, "
+            "The noise is unknown, and nothing is known about it without replicates: the residuals' size is used, "
             "which is its upper limit."
         )
     source = "replicates" if audit.unit_source == "replicates" else "what the model leaves"

@@ -1,4 +1,4 @@
-"""A plan in words: its proof, and what it promises."""
+"""A plan in words: its proof, and what it predicts."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def need_words(found: Needed) -> list[str]:
 def plan_verdict(experiment: Experiment, plan: Plan, sds: Array, enough: bool = True) -> Verdict:
     """How many poses, what they tell, how well the tip is known then, and how near the plan is to the best.
 
-    sds (p,): promised for the fitted parameters; enough: whether it reaches an accuracy that was asked for, if any
+    sds (p,): predicted for the fitted parameters; enough: whether it reaches an accuracy that was asked for, if any
     """
     parameters, c, tip = experiment.fit_parameters(), plan.certificate, tip_size(plan)
     lost = [p.name for p, sd in zip(parameters, sds, strict=True) if not np.isfinite(sd)]
@@ -89,12 +89,12 @@ def plan_verdict(experiment: Experiment, plan: Plan, sds: Array, enough: bool = 
         lost = [name for name in lost if name in c.parameters]
     shares = [sd / abs(p.nominal) for p, sd in zip(parameters, sds, strict=True) if p.nominal and np.isfinite(sd)]
     faint = sum(1 for share in shares if share > 1.0)
-    mark, word, told = Mark.GOOD, "Plan ready", f"tell all {len(sds)} parameters"
+    mark, word, told = Mark.GOOD, "Plan ready", f"identify all {len(sds)} parameters"
     if held:
         told = f"identify {len(sds) - held} parameters, {held} are held at nominal"
     if lost:
-        mark, word = Mark.BAD, "Plan tells too little"
-        told = f"tell {len(sds) - len(lost)} of {len(sds)} parameters, not {', '.join(lost[:3])}"
+        mark, word = Mark.BAD, "Plan does not identify all parameters"
+        told = f"identify {len(sds) - len(lost)} of {len(sds)} parameters, not {', '.join(lost[:3])}"
     elif faint:
         mark, word = Mark.LOOK, "Plan is weak"
         told += f", {faint} of them to no better than their own size"
@@ -103,7 +103,7 @@ def plan_verdict(experiment: Experiment, plan: Plan, sds: Array, enough: bool = 
     said = [f"{len(plan.pose)} poses {told}"]
     numbers = [(str(len(plan.pose)), "poses")]
     if tip is not None:
-        said.append(f"with a fit of them the tip is known to {1e3 * tip:.3f} mm")
+        said.append(f"predicted tip uncertainty after calibration: {1e3 * tip:.3f} mm")
         numbers.append((f"{1e3 * tip:.3f} mm", "tip after compensation"))
     if c is not None:
         percent = f"{np.floor(1e3 * _chosen(c)) / 10:.1f} %"  # never rounded up

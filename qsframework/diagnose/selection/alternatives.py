@@ -77,7 +77,7 @@ def contest(gram: Gram, given: Sequence[int], without: Sequence[int] = ()) -> Co
     return Contest(G, c, gram.at, sided, tuple(half))
 
 
-def rival_set(
+def alternative_set(
     gram: Gram,
     named: int,
     given: Sequence[int],

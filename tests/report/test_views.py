@@ -8,6 +8,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from html.parser import HTMLParser
+from typing import Any
 
 import numpy as np
 import pytest
@@ -83,8 +84,8 @@ def test_a_fit_says_what_its_command_says(fit: Fit) -> None:
 def test_the_frame_of_readings_is_si(real: Readings) -> None:
     frame = real.to_frame()
     assert len(frame) == len(real)
-    np.testing.assert_array_equal(frame[["x", "y", "z"]], real.value)
-    assert frame["fz"].min() < -500.0
+    np.testing.assert_array_equal(frame[["x_m", "y_m", "z_m"]], real.value)
+    assert frame["fz_N"].min() < -500.0
 
 
 def test_the_frame_of_a_diagnosis_holds_every_cause(found: Diagnosis) -> None:
@@ -92,6 +93,57 @@ def test_the_frame_of_a_diagnosis_holds_every_cause(found: Diagnosis) -> None:
     assert set(frame["cause"]) == {x.name for x in found.table}
     first = frame.dropna(subset="s").sort_values("s").iloc[-1]
     assert first["cause"] in str(found)
+
+
+@pytest.fixture(scope="module")
+def inputs(m900ib: Experiment) -> Mapping[str, object]:
+    """What verbs take, and what else they give back."""
+    plan = qsf.read_plan(example("m900ib") / "table5.csv", m900ib)
+    made = qsf.simulate(m900ib, plan, seed=1)
+    fit = qsf.identify(m900ib, made.readings, ["joint_compliance[joint_2]", "joint_compliance[joint_3]"])
+    targets = qsf.read_targets(example("m900ib") / "targets.csv", m900ib)
+    return {
+        "Experiment": m900ib,
+        "Robot": m900ib.robot,
+        "Simulation": made,
+        "Targets": targets,
+        "Compensation": qsf.compensate(m900ib, fit, targets),
+        "Stiffness": qsf.stiffness("fanuc_m900ib", [0.0, 0.3, -0.2, 0.5, 0.7, 0.0], [0.0, 0.0, -4000.0]),
+    }
+
+
+@pytest.mark.parametrize("kind", ["Experiment", "Robot", "Simulation", "Targets", "Compensation", "Stiffness"])
+def test_an_input_shows_itself(kind: str, inputs: Mapping[str, object], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "100")
+    value: Any = inputs[kind]
+    assert repr(value).startswith(f"<{kind}: ")
+    assert "\n" not in repr(value)
+    assert len(repr(value)) < 400
+    assert all(len(line) <= 100 for line in str(value).splitlines())
+    assert "table" in Cells(value._repr_html_()).tags
+    frame = value.to_frame()
+    assert len(frame) > 0
+    assert not {"x", "y", "z", "fx", "fy", "fz", "q1"} & set(frame.columns), "columns say their units"
+    if kind in ("Experiment", "Robot", "Targets"):
+        with pytest.raises(qsf.InputError, match="no plot shows this"):
+            value.plot()
+    else:
+        assert len(value.plot().data) > 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("no_such_robot", [0.0] * 6, [0.0] * 6), "no_such_robot"),
+        ((42, [0.0] * 6, [0.0] * 6), "a robot is needed"),
+        (("fanuc_m900ib", [0.0] * 5, [0.0] * 6), "pendant must be 6 numbers"),
+        (("fanuc_m900ib", "0,0,0", [0.0] * 6), "pendant must be 6 numbers"),
+        (("fanuc_m900ib", [0.0] * 6, 4000.0), "wrench must be 6 numbers"),
+    ],
+)
+def test_wrong_arguments_answer_in_words(arguments: tuple[Any, ...], words: str) -> None:
+    with pytest.raises(qsf.InputError, match=words):
+        qsf.stiffness(*arguments)
 
 
 def test_names_are_no_markup(results: Mapping[str, object]) -> None:

@@ -1,0 +1,42 @@
+"""The stiffness of an arm at one pose: tables and words."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from qsframework.applications import Stiffness
+from qsframework.report.blocks import ReportTable
+
+_AXES = ("x", "y", "z", "rx", "ry", "rz")
+
+
+def stiffness_tables(result: Stiffness) -> list[ReportTable]:
+    """The share of each spring, and the Cartesian stiffness with and without the load."""
+    square = float(result.linear @ result.linear)
+    shares = [
+        (name, *(f"{v * 1e3:.4f}" for v in share), f"{100 * share @ result.linear / square:.1f} %" if square else "-")
+        for name, share in zip(result.names, result.shares, strict=True)
+    ]
+    sums = [
+        (name, *(f"{v * 1e3:.4f}" for v in vector), "")
+        for name, vector in (("linear model", result.linear), ("full equilibrium", result.full))
+    ]
+    tables = [ReportTable(("spring", "dx mm", "dy mm", "dz mm", "share"), tuple([*shares, *sums]))]
+    for words, with_load in (("K_C", True), ("K_C without load and gravity in H", False)):
+        K = result.stiffness(with_load)
+        if K is not None:
+            rows = tuple((axis, *(f"{v:.4g}" for v in row)) for axis, row in zip(_AXES, K, strict=True))
+            tables.append(ReportTable((words, *_AXES), rows, "N/m, N/rad, N m/m and N m/rad, base frame."))
+    return tables
+
+
+def deflection_words(result: Stiffness) -> str:
+    """How far the load point moves, and by how much the linear model errs."""
+    text = (
+        f"The load point moves by {np.linalg.norm(result.full) * 1e3:.4f} mm and turns by "
+        f"{np.linalg.norm(result.rotation) * 1e3:.4f} mrad. The linear model errs by "
+        f"{100 * result.linear_error:.3f} % of that."
+    )
+    if result.stiffness() is None:
+        text += " A direction at the tip does not give at all, so there is no finite K_C."
+    return text
