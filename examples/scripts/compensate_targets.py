@@ -1,4 +1,4 @@
-"""Correct two drilling targets by a fit, so that the loaded tool stands where it is wanted."""
+"""Correct two drilling targets by a fit, so that the loaded tool reaches them."""
 
 import sys
 from pathlib import Path

@@ -10,7 +10,7 @@ readings = read_readings(experiment.data, experiment)
 found = diagnose(experiment, readings, seed=0)
 print(diagnosis_words(found))
 for cause in found.findings:
-    print(f"cause: {cause.name}, p = {cause.p_value:.1g}, cannot be told from: {[r.name for r in cause.alternatives]}")
+    print(f"cause: {cause.name}, p = {cause.p_value:.1g}, alternatives: {[r.name for r in cause.alternatives]}")
     print(f"  physics: {cause.physics}")
     print(f"  look at: {cause.check}")
 rms = found.rms

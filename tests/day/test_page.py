@@ -376,11 +376,11 @@ def test_a_whole_day_in_a_browser_with_eight_mistakes(tmp_path: Path) -> None:
             wrong = planted.pop(slot, None)
             xyz = wrong[0](xyz, arm, day, slot) if wrong else xyz
             numbers = json.dumps([f"{1e3 * v:.4f}" for v in xyz.ravel()])
-            page.until(f"told && told.next && told.next.visit === {slot.visit} && told.next.state === {slot.state}")
+            page.until(f"known && known.next && known.next.visit === {slot.visit} && known.next.state === {slot.state}")
             page.run(f"[...document.querySelectorAll('#markers input')].forEach((f, i) => f.value = {numbers}[i])")
             page.run("document.querySelector('#typed button').click()")
-            page.until(f"told.done > {state['done']} || told.waiting.length > 0")
-            waiting = page.run("told.waiting")
+            page.until(f"known.done > {state['done']} || known.waiting.length > 0")
+            waiting = page.run("known.waiting")
             if waiting:
                 told[slot] = waiting[0]["words"]
                 what = PLANTED[slot][2] if slot in PLANTED else "correct"
@@ -388,7 +388,7 @@ def test_a_whole_day_in_a_browser_with_eight_mistakes(tmp_path: Path) -> None:
                 page.run(
                     f"[...document.querySelectorAll('#waiting button')].find(b => b.textContent === '{button}').click()"
                 )
-                page.until("told.waiting.length === 0")
+                page.until("known.waiting.length === 0")
         errors, foreign = errors + page.errors, foreign + page.foreign
         assert page.run("getComputedStyle(document.querySelector('#angles')).display") == "flex"
         assert page.run("document.documentElement.scrollWidth <= window.innerWidth")
@@ -396,8 +396,8 @@ def test_a_whole_day_in_a_browser_with_eight_mistakes(tmp_path: Path) -> None:
         page.size(400, 900)
         assert page.run("document.documentElement.scrollWidth <= 400")
         page.run("document.getElementById('end').click()")
-        page.until("told.ended.length > 0", 240.0)
-        ended = page.run("told.ended")
+        page.until("known.ended.length > 0", 240.0)
+        ended = page.run("known.ended")
     finally:
         page.kill()
         server.kill()

@@ -337,7 +337,7 @@ def test_what_the_readings_tell_so_far(m900ib: Experiment, tmp_path: Path) -> No
         day, _ = enter(day, dict(zip(cell.MARKERS, arm.read(day, day.next, rng), strict=True)))
         if day.next is None or (day.next.visit in (4, 6) and day.next.state == 0):
             found = so_far(day)
-            worst.append(max(t.sd / t.promised for t in found.told))
+            worst.append(max(t.sd / t.predicted for t in found.told))
             assert found.enough == (day.next is None)
             assert found.help is not None
             assert len(found.help.pose) == 3
@@ -346,7 +346,7 @@ def test_what_the_readings_tell_so_far(m900ib: Experiment, tmp_path: Path) -> No
     assert [visits for visits, _ in found.history] == list(range(1, 9))
     sds = np.array([sds for _, sds in found.history])
     assert (sds[1:] <= sds[:-1] * (1.0 + 1e-9)).all(), "more readings tell no less"
-    assert sds[-1] == pytest.approx([t.promised for t in found.told], rel=0.05)
+    assert sds[-1] == pytest.approx([t.predicted for t in found.told], rel=0.05)
     assert "enough" in so_far_words(found)
     open_ = replace(so_far(day), causes=("offaxis_compliance[joint_1/x]",))
     assert not open_.enough, "never beside a named cause"
