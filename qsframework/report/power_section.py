@@ -67,7 +67,7 @@ def unknown_table(foresight: Foresight) -> ReportTable:
     places = () if foresight.unknown is None else foresight.unknown.places
     rows = tuple((place_words(p.place), *_outlook(p)) for p in sorted(places, key=lambda p: p.chance))
     return ReportTable(
-        ("something unknown moves", "told first", "else most often"),
+        ("something unknown moves", "ranked first", "else most often"),
         rows,
         f"Effects of s = {SIZE:g} by plain laws: a constant once a load hangs, with the torque there, with the order "
         "of the readings, with the angle there.",

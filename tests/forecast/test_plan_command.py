@@ -44,7 +44,7 @@ def test_the_plan_is_judged_before_it_is_measured(plan_file, tmp_path, capsys):
     content = json.loads((tmp_path / "f.json").read_text())
     by_name = {c["id"]: c for c in content["causes"]}
     assert by_name["joint_hardening[joint_3]"]["sizes"][0]["detect"] > 0.0
-    assert "that no library holds, the right place would be told first in" in " ".join(said.split())
+    assert "that no library holds, the right place would be ranked first in" in " ".join(said.split())
     assert {"drive", "world"} <= {content["unknown"]["places"][0]["place"].split()[1], *_links(content)}
     page = (tmp_path / "f.html").read_text()
     assert "What this plan would show" in page

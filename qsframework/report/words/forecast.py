@@ -43,7 +43,7 @@ def foresight_words(found: Foresight) -> tuple[str, ...]:
 def unknown_words(found: UnknownOutlook) -> Iterator[str]:
     """Where the plan would place what no library holds."""
     yield (
-        f"Of effects of s = {SIZE:g} that no library holds, the right place would be told first in "
+        f"Of effects of s = {SIZE:g} that no library holds, the right place would be ranked first in "
         f"{100 * found.chance:.0f} %, on average over the places."
     )
     worst = sorted((p for p in found.places if p.shown), key=lambda p: p.chance)[:_WORST]
