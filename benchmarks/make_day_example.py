@@ -60,7 +60,7 @@ visit_5.csv: pose p06, unloaded, cycle 1: look again (the markers are 56.57 mm f
 `plan.csv` holds eight poses of a FANUC M-900iB; `exports/` what a tracker exported on the first five visits, a file for
 each. Four are as expected. On the fifth joint 3 stood 2 degrees from the plan, and the answer says so. Without
 `--watch` the same day has a page: [the measuring day](../../docs/day.md). Simulated by
-`benchmarks/make_day_example.py`, with springs, angles, a tool and a tracker's place that no file here tells.
+`benchmarks/make_day_example.py`, with springs, angles, a tool and a tracker's place that no file here states.
 """  # noqa: E501
 
 

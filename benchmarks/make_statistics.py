@@ -16,7 +16,7 @@ from scipy.stats import t
 from statistics_methods import table as methods_table
 
 from qsframework.estimation import FitOptions, Independent, Observations, shared_error, solve
-from qsframework.experiment import Experiment, Readings, bridge, example, load_experiment, make_rows
+from qsframework.experiment import Experiment, Readings, example, load_experiment, make_rows, observation_model
 from qsframework.experiment.simulate import displaced
 from qsframework.plugin import Array, Indices, Poses
 from qsframework.work import Work, run as run_tasks
@@ -85,7 +85,7 @@ def setting(case: Case) -> tuple[Experiment, Readings, Observations, Array, Arra
     names = experiment.fit_names()
     model = experiment.model()
     truth = model.nominal[model.index(names)]
-    seen = bridge(experiment, readings, names, linear=True)
+    seen = observation_model(experiment, readings, names, linear=True)
     observations = seen.observations()
     exact = observations.predict(truth)
     predict, jacobian = (_remembered(f) for f in (observations.predict, observations.jacobian))

@@ -165,7 +165,17 @@ class Task:
 
 
 def load_task(path: str | Path) -> Task:
-    """Read a task.yaml. InputError with all its problems, each with file and line."""
+    """Read a task.yaml.
+
+    Args:
+        path: of the file.
+
+    Returns:
+        What is asked of the robots: a path or a box of points (m) with wrenches (N, N m), or a campaign.
+
+    Raises:
+        InputError: with all problems of the file, each with its line.
+    """
     document = read_yaml(path)
     spec = validate(document, TaskSpec)
     wrenches = np.array([[p.fx, p.fy, p.fz, p.mx, p.my, p.mz] for p in spec.path])

@@ -63,6 +63,7 @@ from qsframework.experiment import Experiment, Readings, make_rows, observation_
 from qsframework.experiment.account import Account, account_of
 from qsframework.experiment.observations import REACH, ReadingRows, start_values, values_before
 from qsframework.identify.pose_spread import check_pose_spread
+from qsframework.identify.selection import at_found_markers
 from qsframework.information.identifiable import in_order
 from qsframework.plugin import Array, Indices
 from qsframework.screening import Mistake, adopted, find_mistakes
@@ -350,8 +351,9 @@ def _start(experiment: Experiment, readings: Readings) -> _Start:
             raise
         said = f"{error}. These readings do not identify {', '.join(unidentifiable)}: kept at the nominal value"
         raise NotConverged(said) from error
-    again, other = split_told(replace(seen, x=fit.x, frames=fit.frames))
-    if again != names:  # at the solution they tell others than they seemed to at the guess
+    about = at_found_markers(seen, fit.x)
+    again, other = (names, unidentifiable) if about is None else split_told(about)
+    if again != names:  # the markers' places were a guess
         at = model.index(list(again))
         x[at] = fit.x[at]
         with suppress(NotConverged):

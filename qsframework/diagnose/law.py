@@ -69,7 +69,7 @@ class Law:
     def reaches(self, facts: RobotFacts) -> bool:
         """Whether what it depends on can act at its place: angles, torques and ways of joints near it; all else can,
         and whatever the instrument sees of the end of the arm."""
-        if self.part in ("marker", "readings", "load", "point"):
+        if self.place not in (*facts.joints, *facts.links, facts.flange):
             return True
         own = facts.joint_index(self.place) + 0.5 if self.place in facts.joints else float(facts.link_index(self.place))
         named = [f.split("+") for f in self.angles]

@@ -41,7 +41,7 @@ def mounts_of(experiment: Experiment, without: Collection[str] = ()) -> tuple[Mo
     robot, every = experiment.robot, dict[str, Marker]()
     out = np.array([_OUT, 0.0, 0.0])
     every[WORLD] = Marker(f"reflector_{WORLD}", WORLD, frozen(out))
-    for k, own in enumerate(robot.facts.links[: 1 + _REFLECTED]):
+    for k, own in enumerate(robot.facts.links[: min(1 + _REFLECTED, robot.facts.n)]):
         link = own if own in robot.frames else next((n for n, f in robot.frames.items() if f.link == k), None)
         if link is not None:
             far = out if k == 0 else robot.facts.placements[k][:3, 3]

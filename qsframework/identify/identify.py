@@ -36,7 +36,7 @@ from qsframework.identify.held import held_at_nominal
 from qsframework.identify.load_error import load_columns, load_sds
 from qsframework.identify.pose_spread import check_pose_spread
 from qsframework.identify.record import Masked
-from qsframework.identify.selection import NotEstimated, held_of, identifiable_names, kinds_of
+from qsframework.identify.selection import NotEstimated, at_found_markers, held_of, identifiable_names, kinds_of
 from qsframework.identify.two_step import two_step
 from qsframework.information import what_would_help
 from qsframework.information.identifiable import in_order
@@ -53,7 +53,7 @@ _NO_BETTER = 0.9
 _HOLDS = 30
 """Most fits in which weak holds and the noise that weighs them settle."""
 _DECISIONS = 8
-"""Times that it is decided at the solution what the readings tell: it is not what they seem to tell at the guess."""
+"""Times that it is decided anew, about the markers as they were found, what the readings identify."""
 _FELL = 0.9
 """Share of the noise above which weaker holds change it no more."""
 
@@ -190,15 +190,15 @@ def _one_step(experiment: Experiment, rows: ReadingRows, names: Sequence[str], o
     one_pose = check_pose_spread(angles, 1 if options.priors else count - first.motions, bool(first.frames))
     notes = ("Only one pose was measured: nothing says whether this fit holds at another one.",) if one_pose else ()
     found = replace(_fitted(first, first, _of(names, told, options), options, unit), left=left, notes=notes)
-    for _ in range(0 if np.all(rows.minus >= 0) else _DECISIONS):  # what differences tell, they tell anywhere
-        solution = found.solution.x
-        there = replace(first, x=found.seen.values(solution), frames=found.seen.moved(solution))
-        again, left, unit = identifiable_names(there, options)
-        if set(again) == set(told):
-            return replace(found, left=left)
-        if len(rows.at) <= _count(first, again, options):
+    for _ in range(_DECISIONS):
+        x = found.seen.values(found.solution.x)
+        about = at_found_markers(first, x)
+        if about is None:
             break
-        told = again
+        again, left, unit = identifiable_names(about, options)
+        if set(again) == set(told) or len(rows.at) <= _count(first, again, options):
+            break
+        told, there = again, replace(first, x=x, frames=found.seen.moved(found.solution.x))
         found = replace(_fitted(first, there, _of(names, told, options), options, unit), left=left, notes=notes)
     return found
 

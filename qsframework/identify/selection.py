@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -52,6 +53,18 @@ def identifiable_names(
     chosen = {names[i] for i in taken}
     chosen |= {n for g in options.tied if g[0] in chosen for n in g}
     return [n for n in seen.names if n in chosen], left, unit
+
+
+def at_found_markers(seen: ObservationModel, x: Array) -> ObservationModel | None:
+    """The arm as it is in `seen`, with what the fitted parameters of markers and instrument are among values x (q,), in
+    the frames that then suit it; None where there are none. About it a guess of where the markers are decides nothing.
+    """
+    own = [n for n in seen.names if n in kinds_of(seen.model, Sensor)]
+    if not own or np.all(seen.rows.minus >= 0):  # what differences tell, they tell anywhere
+        return None
+    there, at = seen.x.copy(), seen.model.index(own)
+    there[at] = x[at]
+    return replace(seen, x=there, frames=seen.rows.start(seen.model, there) if seen.frames else ())
 
 
 def _tied_columns(

@@ -92,7 +92,7 @@ def test_json_holds_what_the_report_shows(real: Diagnosis) -> None:
     assert held[1] == told["error_mm"]["heldout_identified"]
     assert held[-2] == told["error_mm"]["heldout_extended"]
     first = refitted(real.case, [real.findings[0].name], real.baseline.residuals)
-    assert held[2] == pytest.approx(1e3 * first, rel=1e-6)
+    assert held[2] == pytest.approx(1e3 * np.sqrt(3.0) * first, rel=1e-6)
     before, after = told["lack_of_fit"]["before"], told["lack_of_fit"]["after"]
     assert before["chi2"] == pytest.approx(real.baseline.chi2, rel=1e-6)
     assert before["dof"] == 3 * len(real.kept) - len(real.baseline.names)

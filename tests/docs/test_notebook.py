@@ -34,7 +34,7 @@ def test_every_cell_runs_and_shows_its_answer(cells: list[str], capsys: pytest.C
     assert len(off) == 6
     assert max(abs(x) for x in off.values()) < 4.0
     found = shell.user_ns["found"]
-    assert found.taught.name == "learned[j5/j4]"
+    assert found.learned.name == "learned[j5/j4]"
     assert "learned[j5/j4]" in pages[-1]
     corrected = shell.user_ns["corrected"]
     assert (corrected.sd < 0.5 * corrected.size).all()

@@ -226,7 +226,7 @@ def test_only_a_combination_is_told() -> None:
     o, A = line()
     tied = A.copy()
     tied[:, 2] = tied[:, 0] * 1e-12
-    with pytest.raises(NotIdentifiable, match="a, c: the readings tell only a combination"):
+    with pytest.raises(NotIdentifiable, match="a, c: only a combination of these is identifiable"):
         solve(replace(o, jacobian=lambda x: tied, predict=lambda x: tied @ x))
 
 

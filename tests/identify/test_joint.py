@@ -180,8 +180,8 @@ def test_the_command_takes_several_files_in_one_fit(
     )
     run_identify(files, NAMES, FitOptions(), False)
     said = capsys.readouterr().out
-    assert "displacements, RMS per axis" in said
-    assert "positions, RMS of the distance" in said
+    assert "displacements, 3D RMS" in said
+    assert "positions, 3D RMS" in said
     assert (tmp_path / "r.html").stat().st_size > 10_000
     run_identify(replace(files, data=(tmp_path / "p.csv",), report=None), NAMES, FitOptions(priors=True), False)
     assert "Stated values and sds counted as readings" in capsys.readouterr().out

@@ -91,7 +91,7 @@ def works(folder: Path, proposal: Proposal) -> Path:
 
 def test_an_arm_with_a_gripper_ends_at_its_last_turning_joint(tmp_path: Path) -> None:
     proposal = propose("arm", file_of(tmp_path, ARM + FINGERS))
-    told = next(note for note in proposal.checklist if note.startswith("left out"))
+    told = next(note for note in proposal.checklist if note.startswith("omitted"))
     assert "to_left, to_right; what they carry, 0.2 kg" in told
     robot = load_robot(works(tmp_path, proposal))
     assert robot.facts.masses[-1] == pytest.approx(1.8)  # hand and palm

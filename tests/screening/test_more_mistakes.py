@@ -76,7 +76,7 @@ def test_rounded_angles_hide_every_cause(folder: Path, step: float, said: str) -
     told = diagnose(experiment, wrong, repeats=1)
     assert [f.name for f in told.findings] == ["angles_rounded"]
     assert headline(told).startswith(f"Wrong in the table: the angles are rounded to {said}")
-    assert told.taught is None
+    assert told.learned is None
     assert told.leftovers == ()
 
 
