@@ -45,7 +45,7 @@ readings were made by a code that shares nothing with this one, and hold an effe
 ```
 
 Nothing is named. What is left sits at the fifth drive and goes with the angle of joint 4; its law is learned, and the
-held-out error falls with it:
+held-out error is smaller with it:
 
 ```text
 {said}

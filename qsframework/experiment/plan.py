@@ -208,7 +208,7 @@ def write_plan(path: str | Path, plan: Plan, experiment: Experiment) -> None:
         experiment: its campaign.
 
     Returns:
-        Nothing.
+        InputError: where the file cannot be written.
 
     Raises:
         InputError: where it cannot be written.

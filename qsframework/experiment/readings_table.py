@@ -827,7 +827,7 @@ def write_readings(path: str | Path, readings: Readings, experiment: Experiment)
         experiment: their campaign.
 
     Returns:
-        Nothing.
+        InputError: where the file cannot be written.
 
     Raises:
         InputError: where it cannot be written.

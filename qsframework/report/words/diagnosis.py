@@ -66,7 +66,7 @@ def diagnosis_words(found: Diagnosis, pairs: Sequence[Discrimination] = ()) -> s
         One paragraph.
 
     Raises:
-        Nothing.
+        AttributeError: where `found` is no diagnosis.
     """
     steps = [f"Next: {step}" for step in next_steps(found, pairs)]
     return " ".join([headline(found), *map(str, statements(found, pairs)), *steps])
