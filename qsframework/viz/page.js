@@ -29,7 +29,7 @@ const MAKE = {
 const solids = scene.solids.map(([kind, ...size]) => MAKE[kind](size));
 const paint = (colour, opacity) => new THREE.MeshPhongMaterial({
   color: colour, opacity, transparent: opacity < 1, depthWrite: opacity >= 0.3, side: THREE.DoubleSide, reflectivity: 0.5,
-  polygonOffset: opacity < 1, polygonOffsetFactor: 1, polygonOffsetUnits: 4,  // what lies in a solid's view_of stays behind it
+  polygonOffset: opacity < 1, polygonOffsetFactor: 1, polygonOffsetUnits: 4,  // what lies in a solid's face stays behind it
 });
 const paints = scene.colours.map(([colour, opacity]) => paint(colour, opacity));
 function build(id) {
@@ -54,7 +54,7 @@ const root = build(scene.root);
 viewer.scene_tree.find(["scene"]).object.add(root);
 const find = path => path.split("/").reduce((o, name) => o && o.children.find(c => c.name === name), root);
 
-// Words and glows view_of the reader, and nothing hides them. Words keep their size on the screen.
+// Words and glows face the reader, and nothing hides them. Words keep their size on the screen.
 function facing(canvas, opacity = 1) {
   const map = new THREE.CanvasTexture(canvas);
   return new THREE.Sprite(new THREE.SpriteMaterial({map, opacity, depthTest: false, depthWrite: false}));
