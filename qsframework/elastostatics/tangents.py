@@ -137,15 +137,15 @@ def _parallel(ev: PlacedArm, number: int, i: int) -> Change:
     pull = ev.pulls[number]
     if pull is not None:
         return _pulled(ev, pull, i)
-    view_of, K = ev.faces[number], None
+    face, K = ev.faces[number], None
     if ev.held is not None:
         E = ev.held.rates.E
-        K = ([(E, gather(ev.touched, [(view_of.joints, view_of.stiffness.dx[..., i])], len(ev.poses)), E)], None)
+        K = ([(E, gather(ev.touched, [(face.joints, face.stiffness.dx[..., i])], len(ev.poses)), E)], None)
     preload = None
-    if ev.preloaded and view_of.torque is not None:
-        rows = [ev.touched.index(j) for j in view_of.joints]
+    if ev.preloaded and face.torque is not None:
+        rows = [ev.touched.index(j) for j in face.joints]
         preload = ev.torques
-        preload[list(ev.rates.active)] = np.einsum("jan,nj->an", ev.rates.E[rows], view_of.torque.dx[..., i])
+        preload[list(ev.rates.active)] = np.einsum("jan,nj->an", ev.rates.E[rows], face.torque.dx[..., i])
     return Change(K=K, preload=preload)
 
 
