@@ -101,7 +101,7 @@ class Account(FileRecord):
                 "their places, which were estimated from the same readings."
             )
         elif self.frames:
-            tool = f", and so did the tool ({some_of(self.tool)})" if self.tool else ""
+            tool = f", and so was the tool ({some_of(self.tool)})" if self.tool else ""
             said = (
                 f"Measured: positions, {counted}, in the frame of the instrument, which was estimated from the same "
                 f"readings (series {', '.join(n or 'unnamed' for n in self.frames)}){tool}. Errors and uncertainties "
