@@ -441,7 +441,6 @@ def diagnose(
             help="A link that nobody can mount a reflector on (world: the floor; gauges: no dial gauge); may stand "
             "more than once.",
             show_default=False,
-            rich_help_panel="Further poses",
         ),
     ] = None,
     separate: Annotated[

@@ -17,7 +17,7 @@ from qsframework.diagnose.result import Diagnosis
 from qsframework.diagnose.selection.places import PlaceMotion
 from qsframework.discriminate.alternatives import batch
 from qsframework.discriminate.explanations import Explanations, Foretold, Suspect, foretold, motions_at
-from qsframework.discriminate.mounts import Mount, mounts_of, of_gauges
+from qsframework.discriminate.mounts import Mount, mounted, mounts_of, of_gauges
 from qsframework.discriminate.pair import CANDIDATES, drawn, with_loads
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Plan, make_plan, make_rows
@@ -215,8 +215,7 @@ def chosen_visits(opened: Explanations, count: int, again: Indices, tell: Progre
 def _judged(diagnosis: Diagnosis, plan: Plan, mounts: Sequence[Mount], seed: int) -> tuple[Mount, ...]:
     """What each mount would be worth at the visits of a plan, the best first."""
     experiment = _second(diagnosis)
-    wider = experiment.with_(markers=(*experiment.markers, *(m.marker for m in mounts)))
-    told = _foretold(diagnosis, wider, plan, mounts)
+    told = _foretold(diagnosis, mounted(experiment, mounts), plan, mounts)
     later, count = np.arange(len(told.rows.keep)) >= len(diagnosis.kept), len(experiment.markers)
     out: list[Mount] = []
     for i, mount in enumerate(mounts):

@@ -57,6 +57,11 @@ def mounts_of(experiment: Experiment, without: Collection[str] = ()) -> tuple[Mo
     return (*(Mount(m) for m in free), *gauges)
 
 
+def mounted(experiment: Experiment, mounts: Sequence[Mount]) -> Experiment:
+    """The experiment with mounts as its last markers."""
+    return experiment.with_(markers=(*experiment.markers, *(m.marker for m in mounts)))
+
+
 def of_gauges(readings: Readings, mounts: Sequence[Mount], first: int) -> Readings:
     """Readings whose markers from `first` on are mounts, those of gauges as these read them."""
     for i, mount in enumerate(mounts):

@@ -20,7 +20,7 @@ from qsframework.diagnose.linearization.generic_blocks import Motions
 from qsframework.diagnose.linearization.place_motions import law_columns, places_of, variables
 from qsframework.diagnose.selection.places import PlaceMotion
 from qsframework.discriminate.explanations import Foretold, Suspect, foretold, motions_at, seen_evidence, winners
-from qsframework.discriminate.mounts import Mount, mounts_of, of_gauges
+from qsframework.discriminate.mounts import Mount, mounted, mounts_of, of_gauges
 from qsframework.estimation import left, orthonormal
 from qsframework.estimation.projection import Flags
 from qsframework.experiment import Experiment, Plan, make_rows
@@ -65,12 +65,11 @@ class UnknownOutlook:
 def unknown_outlook(experiment: Experiment, plan: Plan, fitted: Sequence[str], seed: int = 0) -> UnknownOutlook:
     """Where the readings of a plan would place effects of size s = 10 that no library holds. fitted: parameters."""
     mounts = mounts_of(experiment)
-    wider = experiment.with_(markers=(*experiment.markers, *(m.marker for m in mounts)))
-    count = len(experiment.markers)
+    wider, count = mounted(experiment, mounts), len(experiment.markers)
     rows = make_rows(of_gauges(planned_readings(wider, plan), mounts, count))
     frames = [station_frame(wider, rows.readings.frames[f]) for f in rows.estimated]
     model = wider.model()
-    x = {name: float(model.nominal[model.index([name])[0]]) for name in fitted}
+    x = dict(zip(fitted, model.nominal[model.index(list(fitted))].tolist(), strict=True))
     moved = motions_at(wider, rows, x, frames)
     there = {m.marker.name for m in mounts}
     laws = [law for law in _laws(moved) if law.place.law.place not in there]
