@@ -16,10 +16,10 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from independent_arm import WARM, Arm, Array, Coil, Hidden, NoRest, Spring, Visits, positions, turn
+from independent_arm import WARM, Arm, Array, Coil, Hidden, Mounted, NoRest, Spring, Visits, positions, turn
 
-SIGMA, SHARED = 3e-5, 5e-5
-"""sd of a coordinate of a reading, and of what the markers of a visit share where they do, m."""
+SIGMA, SHARED, GAUGE = 3e-5, 5e-5, 2e-6
+"""sd of a coordinate of a reading, of what the markers of a visit share where they do, and of a dial gauge, m."""
 NOISES = (
     "nominal",
     "shared",
@@ -223,13 +223,14 @@ class Campaign:
         """The true arm."""
         return built(self.setting)
 
-    def clean(self, hidden: Hidden, of: Built | None = None) -> tuple[Array, ...]:
-        """Readings without noise (V, K, 3) m of each table: displacements, base frame, then positions, tracker's."""
+    def clean(self, hidden: Hidden, of: Built | None = None, mounted: Sequence[Mounted] = ()) -> tuple[Array, ...]:
+        """Readings without noise (V, K, 3) m of each table: displacements, base frame, then positions, tracker's; what
+        is mounted beside the markers comes last."""
         arm, x = self.setting.arm, of or self.built
         whole = x.hidden + hidden
 
         def read(visits: Visits) -> Array:
-            return positions(arm, whole, x.compliance, visits, x.markers)
+            return positions(arm, whole, x.compliance, visits, x.markers, mounted)
 
         both, states = self.visits
         out = [] if both is None else [read(both[1]) - read(both[0])]
@@ -425,6 +426,43 @@ def write_campaign(campaign: Campaign, tables: Sequence[Array], folder: Path) ->
         ]
     (folder / "experiment.yaml").write_text("\n".join(lines) + "\n")
     return folder / "experiment.yaml"
+
+
+@dataclass(frozen=True)
+class Mount:
+    """A reflector, or a gauge along an axis of the base, on a link of the files; where: on the arm."""
+
+    name: str
+    link: str
+    where: Mounted
+    along: str = ""
+
+
+def add_mounts(path: Path, campaign: Campaign, mounts: Sequence[Mount], moved: Array, first: int) -> None:
+    """Write what was mounted beside the markers into the files of a campaign of displacements: moved (V, M, 3) m is
+    what it reads at the visits from `first` on, a gauge with an sd of its own."""
+    both = campaign.visits[0]
+    assert both is not None
+    full = both[1]
+    lines = [_columns(campaign.setting, ["fx_N", "fy_N", "fz_N", "marker", *(f"d{c}_mm" for c in "xyz"), *_GAUGED])]
+    for i, row in enumerate(moved, first):
+        pose = _head(campaign.setting, float(full.number[i]), full.shown[i], {})
+        head = [*pose, *(f"{f:.8g}" for f in full.force[i])]
+        for mount, d in zip(mounts, row, strict=True):
+            cells = [f"{1e3 * x:.5f}" for x in d]
+            if mount.along:
+                way = [float(mount.along == axis) for axis in "xyz"]
+                cells = ["", "", "", f"{1e3 * d['xyz'.index(mount.along)]:.5f}", *map(str, way), str(1e3 * GAUGE)]
+            lines.append(",".join([*head, mount.name, *cells, *[""] * (8 - len(cells))]))
+    (path.parent / "mounted.csv").write_text("\n".join(lines) + "\n")
+    text = path.read_text().replace("data: weights.csv", "data: [weights.csv, mounted.csv]")
+    if any(m.along for m in mounts):
+        text = text.replace("{sigma_mm:", f"{{gauge_sigma_mm: {1e3 * GAUGE}, displacement_sigma_mm:")
+    own = [f"  {m.name}: {{link: {m.link}, xyz_mm: {[1e3 * c for c in m.where[1]]}}}" for m in mounts]
+    path.write_text(text.replace("\nnoise:", "\n" + "\n".join(own) + "\nnoise:"))
+
+
+_GAUGED = ("gauge_mm", "ux", "uy", "uz", "sigma_mm")
 
 
 def _head(setting: Setting, number: float, shown: Array, seen: dict[float, int]) -> list[str]:

@@ -238,13 +238,14 @@ class Visits:
 @dataclass(frozen=True)
 class Rest:
     """An arm at rest: angles of its joints (N, n) rad, torques of its actuators (N, n) N m, moments or forces of its
-    hidden springs (N, m), rotations of its links (N, n, 3, 3)."""
+    hidden springs (N, m), rotations of its links (N, n, 3, 3); rotations and origins m of its base and links."""
 
     visits: Visits
     angles: Array
     torque: Array
     springs: Array
     turned: Array
+    frames: tuple[tuple[Array, Array], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -330,11 +331,12 @@ def moved(R: Array, vector: Sequence[float] | Array) -> Array:
 @dataclass(frozen=True)
 class _Stand:
     """Where everything is: axes and points of joints and springs, (N, 3) each, in the order of the chain; centres of
-    the links; the flange."""
+    the links; the flange; rotations and origins of base and links."""
 
     chain: tuple[tuple[str, int, Array, Array], ...]
     turned: Array
     flange: Array
+    frames: tuple[tuple[Array, Array], ...]
 
 
 def _stand(arm: Arm, hidden: Hidden, q: Array, gives: Array, shifts: Array) -> _Stand:
@@ -362,6 +364,7 @@ def _stand(arm: Arm, hidden: Hidden, q: Array, gives: Array, shifts: Array) -> _
         return R, p
 
     R, p = give("foot", 0, R, p)
+    frames = [(R, p)]
     for k, link in enumerate(arm.links):
         p = p + moved(R, np.asarray(link.origin) + shifts[:, k])
         if tilts[k].any():
@@ -372,7 +375,8 @@ def _stand(arm: Arm, hidden: Hidden, q: Array, gives: Array, shifts: Array) -> _
         R, p = give("after", k, R, p)
         chain.append(("mass", k, moved(R, link.centre), p))
         turned.append(R)
-    return _Stand(tuple(chain), np.stack(turned, axis=1), p)
+        frames.append((R, p))
+    return _Stand(tuple(chain), np.stack(turned, axis=1), p, tuple(frames))
 
 
 def _moments(arm: Arm, hidden: Hidden, visits: Visits, stand: _Stand) -> tuple[Array, Array]:
@@ -461,7 +465,7 @@ def rest(arm: Arm, hidden: Hidden, compliance: Array, visits: Visits) -> tuple[R
         if change < _STILL * len(arm.links):
             angles, _ = _drive(arm, hidden, phi + gears)
             stand = _stand(arm, hidden, angles, gives, shifts)
-            return replace(still, angles=angles, turned=stand.turned), stand.flange
+            return replace(still, angles=angles, turned=stand.turned, frames=stand.frames), stand.flange
     raise NoRest(arm.name)
 
 
@@ -479,10 +483,19 @@ def balance(balancer: Coil | Gas, angle: Array) -> Array:
     return -balancer.pull(length) * lc * l2 * np.sin(angle) / length
 
 
-def positions(arm: Arm, hidden: Hidden, compliance: Array, visits: Visits, markers: Array) -> Array:
-    """Where the markers (K, 3) m of the flange are read in the base frame, (N, K, 3) m."""
+Mounted = tuple[int, Vector]
+"""Where something is mounted: base 0, link k, or the floor -1; and where in the frame of that, m."""
+
+
+def positions(
+    arm: Arm, hidden: Hidden, compliance: Array, visits: Visits, markers: Array, mounted: Sequence[Mounted] = ()
+) -> Array:
+    """Where the markers (K, 3) m of the flange and what is mounted elsewhere are read, base frame, (N, K, 3) m."""
     still, flange = rest(arm, hidden, compliance, visits)
     read = flange[:, None] + np.einsum("nij,kj->nki", still.turned[:, -1], markers)
+    for k, xyz in mounted:
+        R, p = still.frames[k] if k >= 0 else (np.broadcast_to(np.eye(3), still.turned[:, 0].shape), np.zeros(3))
+        read = np.concatenate([read, (p + moved(R, xyz))[:, None]], axis=1)
     for fault in hidden.readings:
         read = fault(read, still)
     return read
