@@ -173,6 +173,10 @@ def read_readings(
     states = states or experiment.states
     if states is not None and states not in READ_AS:
         raise InputError(Problem(f"states: {states!r}", allowed=", ".join(READ_AS), hint=nearest(states, READ_AS)))
+    if not paths:
+        raise InputError(
+            Problem("no files of readings to read", hint=f"Name one, or add `data:` to {experiment.path}.")
+        )
     parts: list[Part] = []
     problems: list[Problem] = []
     for one in paths:

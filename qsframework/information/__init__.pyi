@@ -2,7 +2,6 @@ from .advice import loss_words as loss_words, what_would_help as what_would_help
 from .certificate import (
     Allowed as Allowed,
     bound_of as bound_of,
-    efficiency_bound as efficiency_bound,
     everything as everything,
 )
 from .promise import PredictedUncertainty as PredictedUncertainty, predicted_uncertainties as predicted_uncertainties

@@ -17,7 +17,6 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from qsframework.information.rows import CandidateRows, as_rows, scores
 from qsframework.plugin import Array, Indices
 
 Group = slice | Indices
@@ -77,17 +76,6 @@ def bound_of(scores: Array, allowed: Allowed, factor: float = 1.0, prior: float 
     """Certified efficiency in [0, 1] from the scores <G, M_i> of all candidates; `prior` is <G, M0>."""
     best = prior + allowed.best(scores)
     return float(min(factor / best, 1.0)) if best > 0 and np.isfinite(best) else 0.0
-
-
-def efficiency_bound(
-    value: float, gradient: Array, rows: Array | CandidateRows, allowed: Allowed, prior: Array | None = None
-) -> float:
-    """Lower bound in [0, 1] on the efficiency psi(best) / psi(M) of a design of value psi(M).
-
-    gradient is -d psi / d M (p, p) or (S, p, p); prior the information M0 that every design has.
-    """
-    before = 0.0 if prior is None else float((prior * gradient).sum())
-    return bound_of(scores(as_rows(rows), gradient), allowed, value, before)
 
 
 def deletable(scores: Array, parameters: int) -> npt.NDArray[np.bool_]:

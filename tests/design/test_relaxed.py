@@ -20,7 +20,6 @@ from qsframework.information import (
     MadeRows,
     as_rows,
     bound_of,
-    efficiency_bound,
     everything,
     scores,
     weighted_information,
@@ -161,7 +160,8 @@ def test_a_wrong_weight_vector_is_not_certified() -> None:
     weights = best.spread(200)
     weights[best.index[np.argmax(best.weights)]] = 0.0
     M = weighted_information(ROWS, weights / weights.sum())
-    assert efficiency_bound(float(Determinant().value(M)), Determinant().gradient(M), ROWS, everything(200)) < 0.99
+    found = scores(as_rows(ROWS), Determinant().gradient(M))
+    assert bound_of(found, everything(200), float(Determinant().value(M))) < 0.99
 
 
 @settings(max_examples=60, deadline=None)

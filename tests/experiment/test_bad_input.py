@@ -289,6 +289,8 @@ def test_missing_files_and_folders(folder: Path, m900ib, r2000ic) -> None:  # ty
         read_readings(folder / "nothing.csv", r2000ic)
     with pytest.raises(InputError, match="is not a file"):
         read_readings(folder, r2000ic)
+    with pytest.raises(InputError, match=r"no files of readings to read.*add `data:`"):
+        read_readings([], r2000ic)
     binary = folder / "photo.csv"
     binary.write_bytes(b"\x89PNG\xff\xfe")
     with pytest.raises(InputError, match="not UTF-8"):
