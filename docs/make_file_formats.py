@@ -213,7 +213,7 @@ def written() -> dict[str, dict[str, Any]]:
     return {
         "nominal.yaml": {"value_<unit>": 1.0, "sd_<unit>": 1.0, "sd_percent": 1.0, "source": "", "earlier": [{}]},
         "plan.json": stated,
-        "diagnosis.json": {"format": FORMAT} | diagnosis | {"separations": [{}], "follow_up": None},
+        "diagnosis.json": {"format": FORMAT} | diagnosis,
     }
 
 

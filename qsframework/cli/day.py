@@ -311,7 +311,7 @@ def second_day(found: Diagnosis, folder: Path) -> tuple[FollowUp | None, list[st
     them; none where nothing is open."""
     from qsframework.discriminate import follow_up
     from qsframework.experiment import write_plan
-    from qsframework.report.words.discrimination import follow_up_words
+    from qsframework.report.words.follow_up import follow_up_words
 
     if found.verdict == "none":
         return None, []

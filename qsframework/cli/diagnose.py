@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,9 +10,9 @@ from qsframework.cli.printing import print_folded, print_line, print_table
 from qsframework.cli.progress import Tell, progress
 from qsframework.diagnose import LEVEL, STEPS, Diagnosis, diagnose
 from qsframework.diagnose.extend import check_folder
-from qsframework.discriminate import Discrimination, FollowUp
+from qsframework.discriminate import FollowUp, follow_up
+from qsframework.discriminate.follow_up import COUNT
 from qsframework.discriminate.mounts import mounts_of
-from qsframework.discriminate.separations import separations
 from qsframework.errors import InputError
 from qsframework.experiment import load_experiment, read_readings
 from qsframework.experiment.account import added_effects
@@ -25,7 +24,7 @@ class DiagnoseFiles:
     """What the command reads, and what it writes where it is asked to.
 
     extend: a folder, doubtful: with the doubtful names too; plan: one to judge before measuring; output: the
-    plan of --follow-up or --separate
+    plan of --follow-up
     """
 
     experiment: Path
@@ -40,37 +39,28 @@ class DiagnoseFiles:
 
 @dataclass(frozen=True, kw_only=True)
 class Asked:
-    """How to diagnose; follow_up: visits of a second day, 0: none, without: links that take no reflector; separate:
-    two causes that `count` poses are to tell apart, instead of a diagnosis; verbose: list all causes, also those that
-    are excluded or invisible."""
+    """How to diagnose; follow_up: visits of a second day to plan, 0: none, without: links that take no reflector;
+    verbose: list all causes, also those that are excluded or invisible."""
 
     level: float = LEVEL
     seed: int = 0
     follow_up: int = 0
     without: tuple[str, ...] = ()
-    count: int = 12
-    separate: tuple[str, str] | None = None
     verbose: bool = False
 
 
 def run_diagnose(files: DiagnoseFiles, asked: Asked, work: Work = HERE) -> None:
-    """Diagnose readings, or judge a plan, or design poses that separate two causes."""
-    from qsframework.cli.diagnose_plan import run_follow_up, run_foresight, run_separate
-    from qsframework.report.words.discrimination import discrimination_words, not_separated_words
+    """Diagnose readings, or judge a plan."""
+    from qsframework.cli.diagnose_plan import run_foresight
 
     if files.plan is not None:
-        _alone(files, asked, "a plan")
+        _alone(files, asked)
         run_foresight(files.experiment, files.plan, files.json, files.report, asked.seed, work)
         return
     if work != HERE:
         raise InputError("--jobs and --dask go with a plan: the diagnosis of readings takes seconds")
     experiment = load_experiment(files.experiment)
     sources = readings_files(experiment, files.data, f"them: qsf diagnose {files.experiment} readings.csv")
-    if asked.separate is not None:
-        _alone(files, asked, "--separate")
-        output = files.output or Path("separate.csv")
-        run_separate(files.experiment, list(sources), asked.separate, asked.count, output, files.json, asked.seed)
-        return
     plan = (files.output or Path("follow-up.csv")) if asked.follow_up else None
     mounts_of(experiment, asked.without)
     outputs = (files.json, files.report, plan)
@@ -81,60 +71,69 @@ def run_diagnose(files: DiagnoseFiles, asked: Asked, work: Work = HERE) -> None:
     with progress() as tell:
         found = diagnose(experiment, readings, level=asked.level, seed=asked.seed, progress=_steps(tell))
         tell("diagnosis", len(STEPS), len(STEPS))
-        pairs, missing = separations(found, asked.count, progress=tell)
-    print_diagnosis(found, pairs, asked.verbose)
-    for said in (*(line for pair in pairs for line in discrimination_words(pair)), *not_separated_words(missing)):
-        print_folded(said)
-    day, lost = None, None
-    if plan is not None:
-        try:
-            day = run_follow_up(found, asked.follow_up, plan, asked.without, asked.seed)
-        except InputError as error:  # nothing is open: the other files are written all the same
-            lost = InputError(f"--follow-up: {error}")
-    _write(found, pairs, day, files, [files.experiment, *sources])
-    if lost is not None:
-        raise lost
+        day, lost = _second_day(found, asked, tell)
+    print_diagnosis(found, day, asked.verbose)
+    if plan is not None and day is not None:
+        _write_day(found, day, plan)
+    _write(found, day, files, [files.experiment, *sources])
+    if plan is not None and lost is not None:  # the other files are written all the same
+        raise InputError(f"--follow-up: {lost}")
 
 
-def _alone(files: DiagnoseFiles, asked: Asked, option: str) -> None:
-    """InputError where options stand together that do not: a plan is judged before there are readings."""
+def _second_day(found: Diagnosis, asked: Asked, tell: Tell) -> tuple[FollowUp | None, InputError | None]:
+    """The visits that settle what is open, or why there are none; none where nobody asks and nothing is open."""
+    if not asked.follow_up and not found.open:
+        return None, None
+    try:
+        count = asked.follow_up or COUNT
+        return follow_up(found, count, without=asked.without, seed=asked.seed, progress=tell), None
+    except InputError as error:
+        return None, error
+
+
+def _write_day(found: Diagnosis, day: FollowUp, plan: Path) -> None:
+    """Write the visits as a plan and say what they would tell."""
+    from qsframework.experiment import write_plan
+    from qsframework.report.words.follow_up import follow_up_words
+
+    write_plan(plan, day.plan, found.experiment)
+    for line in follow_up_words(day):
+        print_folded(line)
+    print(f"plan: {plan}")
+    print(f"next: qsf protocol {found.experiment.path} {plan} -o sheet.html")
+
+
+def _alone(files: DiagnoseFiles, asked: Asked) -> None:
+    """InputError where options stand beside a plan that do not: it is judged before there are readings."""
     others = {
         "--extend": files.extend,
         "--follow-up": asked.follow_up or None,
-        "--separate": asked.separate if option == "a plan" else None,
-        "the readings": files.data or None if option == "a plan" else None,
-        "--report": files.report if option == "--separate" else None,
+        "the readings": files.data or None,
     }
     wrong = [name for name, value in others.items() if value is not None]
     if wrong:
-        raise InputError(f"{option} goes without {', '.join(wrong)}: run them one after the other")
+        raise InputError(f"a plan goes without {', '.join(wrong)}: run them one after the other")
 
 
-def _write(
-    found: Diagnosis, pairs: Sequence[Discrimination], day: FollowUp | None, files: DiagnoseFiles, inputs: list[Path]
-) -> None:
-    """The files to write; pairs: what would separate alternatives; day: the visits that settle what is open."""
+def _write(found: Diagnosis, day: FollowUp | None, files: DiagnoseFiles, inputs: list[Path]) -> None:
+    """The files to write; day: the visits that settle what is open."""
     if files.json is not None:
-        from qsframework.report.result_json import diagnosis_json, discrimination_json, follow_up_json
+        from qsframework.report.result_json import diagnosis_json
 
-        more = {
-            "separations": [discrimination_json(pair) for pair in pairs],
-            "follow_up": None if day is None else follow_up_json(day),
-        }
-        write_json(files.json, diagnosis_json(found, pairs) | more)
+        write_json(files.json, diagnosis_json(found, day))
         print(f"diagnosis: {files.json}")
     if files.report is not None:
         from qsframework.report.diagnosis_section import diagnosis_sections
         from qsframework.report.page import write_report
         from qsframework.report.words.headline import diagnosis_verdict
 
-        sections = diagnosis_sections(found, inputs, pairs, day)
+        sections = diagnosis_sections(found, inputs, day)
         title, verdict = f"Diagnosis: {found.experiment.robot.title}", diagnosis_verdict(found)
         print(f"report: {write_report(files.report, title, sections, verdict)}")
     if files.extend is not None:
         from qsframework.report.extended import extended_words, write_extended
 
-        write_extended(found, files.extend, pairs, doubtful=files.doubtful)
+        write_extended(found, files.extend, day, doubtful=files.doubtful)
         extended = files.extend / "experiment.yaml"
         print(f"extended robot: {files.extend / 'robot'}")
         written = load_experiment(extended)
@@ -172,21 +171,17 @@ def _print_rest(found: Diagnosis, verbose: bool) -> None:
         print("`--verbose` lists them all.")
 
 
-def print_diagnosis(found: Diagnosis, pairs: Sequence[Discrimination], verbose: bool = False) -> None:
+def print_diagnosis(found: Diagnosis, day: FollowUp | None, verbose: bool = False) -> None:
     """The verdict in a sentence, what is certain, doubtful and open, what to measure next, and the evidence."""
     from qsframework.report import diagnosis_tables as tables
     from qsframework.report.words.diagnosis import method_words
     from qsframework.report.words.headline import headline
 
     print_folded(headline(found))
-    for title, lines in tables.verdict_groups(found, pairs):
+    for title, lines in tables.verdict_groups(found, day):
         print(f"{title}:")
         for lead, said in lines.rows:
             print_line(lead, said)
-    judged = {pair.first for pair in pairs}
-    for f in (f for f in found.findings if f.alternatives and f.name not in judged):
-        nearest = min(f.alternatives, key=lambda r: r.angle).name
-        print_line("", f"`--separate {f.name} {nearest}` designs poses that separate them, or says what would")
     for title, table in (("Named", tables.cause_table(found)), ("Doubtful", tables.doubtful_table(found))):
         if table.rows:
             print_table(table.header, table.rows, title if found.findings else "")

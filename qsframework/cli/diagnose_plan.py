@@ -1,18 +1,14 @@
-"""`qsf diagnose` of a plan, `--separate`, `--follow-up`: what a plan would show, which poses would show more."""
+"""`qsf diagnose` of a plan: what it would show."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 from qsframework.cli.commands import beside, distinct_outputs, write_json
-from qsframework.cli.design import read_taken
 from qsframework.cli.printing import print_folded, print_table, print_verdict
 from qsframework.cli.progress import progress
-from qsframework.diagnose.result import Diagnosis
-from qsframework.discriminate.follow_up import FollowUp, follow_up
 from qsframework.errors import NotIdentifiable
-from qsframework.experiment import Experiment, Plan, Readings, load_experiment, read_plan, write_plan
+from qsframework.experiment import load_experiment, read_plan
 from qsframework.work import HERE, Work
 
 
@@ -70,62 +66,3 @@ def run_foresight(
         )
         title = f"Before measuring: {campaign.robot.title}"
         print(f"report: {write_report(report, title, sections, verdict)}")
-
-
-def run_separate(
-    experiment: Path,
-    taken: Sequence[Path],
-    pair: tuple[str, str],
-    count: int,
-    output: Path,
-    json: Path | None = None,
-    seed: int = 0,
-) -> None:
-    """Design poses that tell two named causes apart, beside readings or plans taken already."""
-    from qsframework.discriminate.pair import discriminate
-    from qsframework.report.result_json import discrimination_json
-    from qsframework.report.words.discrimination import discrimination_words
-
-    campaign = load_experiment(experiment)
-    distinct_outputs([output, beside(output, ".json"), json], [experiment, *taken])
-    before = [read_taken(path, campaign) for path in taken]
-    sigma = campaign.noise.sigma or _left_over(campaign, before)
-    with progress() as tell:
-        found = discriminate(campaign, before, pair[0], pair[1], count, sigma=sigma, seed=seed, progress=tell)
-    for line in discrimination_words(found):
-        print_folded(line)
-    if found.useful:
-        write_plan(output, found.plan, campaign)
-        print(f"plan: {output}")
-    if json is not None:
-        write_json(json, discrimination_json(found))
-
-
-def _left_over(experiment: Experiment, taken: Sequence[Plan | Readings]) -> float | None:
-    """What a fit of the readings leaves, where nobody states the noise: more than the noise, on the safe side."""
-    from qsframework.identify import identify
-
-    for one in taken:
-        if isinstance(one, Readings):
-            sigma = identify(experiment, one).sigma
-            print_folded(
-                f"Nobody states the noise; what the fitted model leaves counts as noise: {1e3 * sigma:.3g} mm."
-            )
-            return sigma
-    return None
-
-
-def run_follow_up(
-    diagnosis: Diagnosis, count: int, output: Path, without: Sequence[str] = (), seed: int = 0
-) -> FollowUp:
-    """Choose the visits that settle what a diagnosis leaves open, write them as a plan and say what they would tell."""
-    from qsframework.report.words.discrimination import follow_up_words
-
-    with progress() as tell:
-        found = follow_up(diagnosis, count, without=without, seed=seed, progress=tell)
-    write_plan(output, found.plan, diagnosis.experiment)
-    for line in follow_up_words(found):
-        print_folded(line)
-    print(f"plan: {output}")
-    print(f"next: qsf protocol {diagnosis.experiment.path} {output} -o sheet.html")
-    return found

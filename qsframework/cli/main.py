@@ -443,16 +443,12 @@ def diagnose(
             show_default=False,
         ),
     ] = None,
-    separate: Annotated[
-        tuple[str, str] | None, typer.Option(help="CAUSE CAUSE: only design poses that separate these two.")
-    ] = None,
-    count: Annotated[int, typer.Option(help="Poses of --separate.", min=1, max=1000)] = 12,
     output: Annotated[
         Path | None,
         typer.Option(
             "-o",
             "--output",
-            help="The plan of --follow-up (follow-up.csv) or --separate (separate.csv).",
+            help="The plan of --follow-up (follow-up.csv).",
             show_default=False,
         ),
     ] = None,
@@ -468,7 +464,7 @@ def diagnose(
     from qsframework.cli.kinds import sorted_out
     from qsframework.work import Work
 
-    given = sorted_out(files or (), ("plan",) if separate is None else (), "readings")
+    given = sorted_out(files or (), ("plan",), "readings")
     paths = DiagnoseFiles(
         experiment=experiment,
         data=tuple(given["readings"]),
@@ -484,8 +480,6 @@ def diagnose(
         seed=seed,
         follow_up=follow_up,
         without=tuple(without or ()),
-        count=count,
-        separate=separate,
         verbose=verbose,
     )
     run_diagnose(paths, asked, Work(jobs, dask))

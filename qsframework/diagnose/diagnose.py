@@ -29,7 +29,17 @@ from qsframework.diagnose.residuals.audited_rows import (
 )
 from qsframework.diagnose.residuals.gross_rows import find_outliers
 from qsframework.diagnose.residuals.noise_components import NoiseAudit, audit_noise, visible
-from qsframework.diagnose.result import Diagnosis, Errors, LearnedLaw, Leftover, LikelyPlace, Method, NamedCause, Value
+from qsframework.diagnose.result import (
+    Diagnosis,
+    Errors,
+    LearnedLaw,
+    Leftover,
+    LikelyPlace,
+    Method,
+    NamedCause,
+    Value,
+    left_open,
+)
 from qsframework.diagnose.selection.closing_gate import (
     Likely,
     finest,
@@ -177,10 +187,7 @@ def diagnose(
     """
     if not 0.0 < level < 0.5:
         raise InputError(f"level must be between 0 and 0.5, found {level:g}")
-    tell = _teller(progress)
-    first = make_rows(readings)
-    angles = readings.poses.q[np.unique(first.plus)]
-    one_pose = check_pose_spread(angles, len(experiment.fit_names()), bool(first.estimated))
+    tell, one_pose = _teller(progress), _one_pose(experiment, readings)
     tell("conventions")
     conventions = find_mistakes(experiment, readings, gross=False)
     proved = adopted(conventions)
@@ -202,9 +209,10 @@ def diagnose(
     threshold = library.scores.threshold(level * _LIBRARY_SHARE)
     findings = findings_of(library, answers, base.fit, held, threshold, _pose_names(base), seed)
     race = closing.race if best is None and closing.race is not None else _competition(base)
-    findings = (*_convention_findings(conventions), *_beside(race, closing, findings))
+    findings = (*_convention_findings(conventions), *_instead(base, best, race, closing, findings))
     certain = _certain(base, best, findings)
     learned = _best_law(base, best, certain, closing, level, seed, repeats)
+    known, settled = _settled(base, best, findings) if left_open(findings, closing.leftovers) else ((), base.fit)
     tell("noise")
     audit = _audit(base, learned.fit if learned and learned.holds else extended)
     after = misfit(base.experiment, base.readings, base.rows, extended)
@@ -229,7 +237,9 @@ def diagnose(
         certain=certain,
         learned=learned,
         case=base.case,
-        competition=race,
+        known=known,
+        settled=settled,
+        competition=_competition_beside(base, known, settled) if known else race,
         method=Method(held, base.far, base.unidentifiable, one_pose, lone_visits(base.rows)),
         level=level,
         seed=seed,
@@ -297,6 +307,16 @@ def _certain(base: _Baseline, best: Answer | None, findings: Sequence[NamedCause
     return (refit(base.case, kept, base.fit, base.rows) if kept else base.fit) or best.fit
 
 
+def _settled(
+    base: _Baseline, best: Answer | None, findings: Sequence[NamedCause]
+) -> tuple[tuple[Cause, ...], SettledFit]:
+    """The names that are certain and have no open alternative, and the exact fit with them."""
+    plain = {f.name for f in findings if not f.doubtful and not f.open_alternative}
+    known = tuple(c for c in _causes(base, best) if c.name in plain)
+    fit = refit(base.case, known, base.fit, base.rows) if known else None
+    return ((), base.fit) if fit is None else (known, fit)
+
+
 def _account(base: _Baseline, findings: Sequence[NamedCause]) -> Account:
     """Of the baseline, with the names that it leaves open."""
     account = account_of(base.experiment, base.rows, base.fit.names)
@@ -326,6 +346,13 @@ def _convention_findings(conventions: Sequence[Mistake]) -> tuple[NamedCause, ..
         for c in adopted(conventions)
         if np.isfinite(c.evidence)
     )
+
+
+def _one_pose(experiment: Experiment, readings: Readings) -> bool:
+    """Whether all readings are of one pose. NotIdentifiable where they are and several parameters are fitted."""
+    rows = make_rows(readings)
+    angles = readings.poses.q[np.unique(rows.plus)]
+    return check_pose_spread(angles, len(experiment.fit_names()), bool(rows.estimated))
 
 
 def _teller(progress: Progress | None) -> Callable[[str], None]:
@@ -642,22 +669,38 @@ def _competition(base: _Baseline) -> Competition:
     return compete(moved, fits, base.values, _visible_causes(base))
 
 
+def _competition_beside(base: _Baseline, known: Sequence[Cause], fit: SettledFit) -> Competition:
+    """Places and the other causes beside one another, at an exact fit with causes that are known. What was drawn in of
+    the readings at the last model is no effect here either."""
+    noise, names = base.rows.padded_noise, {c.name for c in known}
+    others = {name: columns for name, columns in _visible_causes(base).items() if name not in names}
+    values = base.values + (fit.residuals - base.fit.residuals).ravel()
+    moved = motions(fit.model, base.rows, fit.x, fit.frames)
+    return compete(moved, _fits(base.rows, noise.colour(fit.jacobian)), values, others)
+
+
 def _visible_causes(base: _Baseline) -> dict[str, Array]:
     """Columns (m, p) m of each cause that the readings can show."""
     seen = [s.visible for s in base.case.subspaces()]
     return {c.name: base.case.metres(i) for i, (c, s) in enumerate(zip(base.case.causes, seen, strict=True)) if s}
 
 
-def _beside(race: Competition, closing: _Closing, findings: Sequence[NamedCause]) -> tuple[NamedCause, ...]:
+def _instead(
+    base: _Baseline, best: Answer | None, race: Competition, closing: _Closing, findings: Sequence[NamedCause]
+) -> tuple[NamedCause, ...]:
     """The names, each with the law that stands in its place as well: of the closing gate, or, where the causes are not
-    plainly ahead of all places, the likeliest law of these."""
-    first = next((e for e in race.entries if not e.is_repeatability), None)
-    law = first.told(1.0).law if first is not None and race.causes_ahead <= _AHEAD else None
+    plainly ahead of all places beside the other names, the likeliest law of these."""
     out: list[NamedCause] = []
     for f in findings:
         instead = closing.alternatives.get(f.name)
-        if instead is None and first is not None and law is not None:
-            instead = Leftover(law, float("nan"), first.evidence - race.causes.get(f.name, 0.0))
+        if instead is None:
+            others = [c for c in _causes(base, best) if c.name != f.name]
+            fit = refit(base.case, others, base.fit, base.rows) if others else None
+            there = race if fit is None else _competition_beside(base, others, fit)
+            first = next((e for e in there.entries if not e.is_repeatability), None)
+            if first is not None and there.causes_ahead <= _AHEAD:
+                ahead = first.evidence - there.causes.get(f.name, 0.0)
+                instead = Leftover(first.told(1.0).law, float("nan"), ahead)
         out.append(replace(f, instead=instead))
     return tuple(out)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from enum import Enum
 from typing import TYPE_CHECKING, Literal
@@ -134,6 +134,11 @@ class NamedCause:
         return bool(self.p_value > _PLAIN)
 
 
+def left_open(findings: Sequence[NamedCause], leftovers: Sequence[Leftover]) -> bool:
+    """Whether something acts of which the readings do not say what it is."""
+    return bool(leftovers) or any(f.doubtful or f.open_alternative for f in findings)
+
+
 @dataclass(frozen=True)
 class Alike:
     """A cause of the library that a learned law looks like.
@@ -255,8 +260,9 @@ class Diagnosis(Viewed):
     baseline and extended: the exact fits without and with the named causes, certain: with those that are not doubtful,
     over the rows `kept` of `readings`; learned: a law that was learned of what the names leave; places: where that may
     be, which hold 95 % of the evidence together; outliers: rows that belong to nothing; case: linearised at the
-    baseline; competition: of all places and causes there; before, after: their lack of fit; account: of the baseline,
-    with the causes that are open: named and not doubtful
+    baseline; before, after: their lack of fit; account: of the baseline, with the causes that are open: named and not
+    doubtful; known: where something is open, the names that are certain; settled: the exact fit with these;
+    competition: of all places and the other causes beside them
     """
 
     account: Account
@@ -279,6 +285,8 @@ class Diagnosis(Viewed):
     certain: SettledFit
     learned: LearnedLaw | None
     case: Case
+    known: tuple[Cause, ...]
+    settled: SettledFit
     competition: Competition
     method: Method
     level: float
@@ -287,6 +295,11 @@ class Diagnosis(Viewed):
     def values(self) -> Mapping[str, float]:
         """All parameters of the extended model by name, SI."""
         return dict(zip(self.extended.model.names, (float(v) for v in self.extended.x), strict=True))
+
+    @property
+    def open(self) -> bool:
+        """Whether something acts of which these readings do not say what it is."""
+        return left_open(self.findings, self.leftovers)
 
     @property
     def sure(self) -> tuple[NamedCause, ...]:

@@ -1,6 +1,5 @@
-"""Poses and other readings that tell causes apart, and the second day of measuring them."""
+"""The second day: visits and mounts that settle what a diagnosis leaves open."""
 
 from qsframework.discriminate.follow_up import FollowUp, follow_up
-from qsframework.discriminate.pair import Discrimination, discriminate
 
-__all__ = ["Discrimination", "FollowUp", "discriminate", "follow_up"]
+__all__ = ["FollowUp", "follow_up"]

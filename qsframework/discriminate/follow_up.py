@@ -11,22 +11,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from qsframework.design import Candidates
+from qsframework.design import Candidates, generate_candidates
 from qsframework.diagnose.linearization.candidates import Cause
 from qsframework.diagnose.result import Diagnosis
 from qsframework.diagnose.selection.places import PlaceMotion
-from qsframework.discriminate.alternatives import batch
 from qsframework.discriminate.explanations import Explanations, Foretold, Suspect, foretold, motions_at
 from qsframework.discriminate.mounts import Mount, mounted, mounts_of, of_gauges
-from qsframework.discriminate.pair import CANDIDATES, drawn, with_loads
 from qsframework.errors import InputError
-from qsframework.experiment import Experiment, Plan, make_plan, make_rows
+from qsframework.experiment import Experiment, LoadCase, Plan, make_plan, make_rows
 from qsframework.experiment.readings import joined
 from qsframework.experiment.simulate import planned_readings
 from qsframework.experiment.stations import station_frame
 from qsframework.plugin import Array, Indices, Poses
+from qsframework.plugin.facts import frozen
 
 COUNT = 8
+CANDIDATES = 500
 _AGAIN = 2
 """Visits of a second day that repeat one of the first: they tell what a visit shares from what acts."""
 _WITHIN = 12.0
@@ -107,7 +107,11 @@ def opened(
     experiment = _second(diagnosis)
     if isinstance(candidates, int):
         candidates = max(candidates // max(len(experiment.loads), 1), 4 * COUNT)
-    pool = _pool(diagnosis, experiment, drawn(experiment, candidates, seed, tell))
+        candidates = generate_candidates(
+            experiment, candidates, seed, lambda done, total: tell("candidate poses", done, total)
+        )
+    pendant = candidates.pendant if isinstance(candidates, Candidates) else np.asarray(candidates, dtype=np.float64)
+    pool = _pool(diagnosis, experiment, pendant)
     tell("what the visits would show", 0, 1)
     told = _foretold(diagnosis, experiment, pool)
     later = np.arange(len(told.rows.keep)) >= len(diagnosis.kept)
@@ -130,12 +134,30 @@ def suspects_of(diagnosis: Diagnosis) -> tuple[Suspect, ...]:
 
 
 def _second(diagnosis: Diagnosis) -> Experiment:
-    """The experiment of a second day, its noise as large as the first one's was found to be."""
+    """The experiment of a second day, on the arm with the causes that are known, its noise as large as the first one's
+    was found to be."""
     first, experiment = diagnosis.readings, diagnosis.experiment
     own = float(np.sqrt(np.nanmean(first.sigma[diagnosis.kept] ** 2))) * diagnosis.audit.unit
-    if bool((first.minus >= 0).any()):
-        experiment = with_loads(experiment, [first], _LOADS)
-    return experiment.with_(noise=replace(experiment.noise, sigma=own))
+    have = {e.name for e in experiment.model().effects}
+    added = [e for c in diagnosis.known for e in c.effects if e.name not in have]
+    return experiment.with_(
+        noise=replace(experiment.noise, sigma=own),
+        loads=experiment.loads or _loads_of(diagnosis),
+        effects=(*experiment.effects, *added),
+        parameters=(*experiment.parameters, *(p for e in added for p in e.parameters(experiment.robot.facts))),
+    )
+
+
+def _loads_of(diagnosis: Diagnosis) -> tuple[LoadCase, ...]:
+    """The loads of the first day's displacements: all up to a few, else the largest."""
+    first = diagnosis.readings
+    if not bool((first.minus >= 0).any()):
+        return ()
+    used = np.unique(np.round(first.poses.wrench, 6), axis=0)
+    used = used[used.any(axis=1)]
+    order = np.argsort(-np.linalg.norm(used[:, :3], axis=1), kind="stable")
+    kept = used[order[: 1 if len(used) > _LOADS else len(used)]]
+    return tuple(LoadCase(f"load_{i + 1}", frozen(w), None) for i, w in enumerate(kept))
 
 
 def _states(diagnosis: Diagnosis) -> Indices:
@@ -148,18 +170,17 @@ def _pool(diagnosis: Diagnosis, experiment: Experiment, pendant: Array) -> Plan:
     first = diagnosis.readings
     used = _states(diagnosis)
     again = first.poses.take(used)
-    if experiment.loads:
-        poses, _, loads = batch(experiment, pendant)
-    else:
-        joints = experiment.robot.controller.to_joints(pendant)
-        poses, loads = Poses(pendant, joints, np.zeros((len(pendant), 6))), ("",) * len(pendant)
+    hung = [(load.name, load.wrench) for load in experiment.loads] or [("", np.zeros(6))]
+    every = np.tile(pendant, (len(hung), 1))
+    pulled = np.repeat(np.stack([wrench for _, wrench in hung]), len(pendant), axis=0)
+    poses = Poses(every, experiment.robot.controller.to_joints(every), pulled)
+    loads = [name for name, _ in hung for _ in pendant]
     wrench = again.wrench * first.states.loaded[used, None]
     names = [*(f"new{i}" for i in range(len(poses))), *(f"again {first.states.pose[i]}" for i in map(int, used))]
     pairs = (poses.pendant, again.pendant), (poses.q, again.q), (poses.wrench, wrench)
     shown, q, pulled = (np.concatenate(pair) for pair in pairs)
-    every = Poses(shown, q, pulled)
     load = [*loads, *(_load_name(experiment, w) for w in wrench)]
-    return make_plan(every, load, names=names, units=experiment.robot.controller.units)
+    return make_plan(Poses(shown, q, pulled), load, names=names, units=experiment.robot.controller.units)
 
 
 def _load_name(experiment: Experiment, wrench: Array) -> str:
@@ -170,7 +191,7 @@ def _load_name(experiment: Experiment, wrench: Array) -> str:
 def _foretold(diagnosis: Diagnosis, experiment: Experiment, plan: Plan, mounts: Sequence[Mount] = ()) -> Foretold:
     """What the explanations do to the rows of the first day, and after these to those of a plan, its last markers
     being mounts."""
-    fit = diagnosis.baseline
+    fit = diagnosis.settled
     old = replace(
         diagnosis.readings.of_rows(diagnosis.kept),
         sigma=diagnosis.readings.sigma[diagnosis.kept] * diagnosis.audit.unit,

@@ -18,6 +18,8 @@ GAUGES = "gauges"
 """In `without`: all of them."""
 _OUT = 0.9
 """m: how far a reflector on the base stands out, on a bar, and a nest on the floor."""
+_ASIDE = 0.2
+"""m: how far one on a link sits from the far end of it, aside of all axes, so that it sees the link turn."""
 _REFLECTED, _GAUGED = 3, 1
 """Links, counted from the base, that a reflector and a gauge may be mounted on."""
 
@@ -44,7 +46,7 @@ def mounts_of(experiment: Experiment, without: Collection[str] = ()) -> tuple[Mo
     for k, own in enumerate(robot.facts.links[: min(1 + _REFLECTED, robot.facts.n)]):
         link = own if own in robot.frames else next((n for n, f in robot.frames.items() if f.link == k), None)
         if link is not None:
-            far = out if k == 0 else robot.facts.placements[k][:3, 3]
+            far = out if k == 0 else robot.facts.placements[k][:3, 3] + _ASIDE / np.sqrt(3.0)
             every[link] = Marker(f"reflector_{link}", link, frozen(far))
     if unknown := [name for name in without if name not in (*every, GAUGES)]:
         allowed = (*every, GAUGES)

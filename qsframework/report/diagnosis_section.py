@@ -7,13 +7,12 @@ from pathlib import Path
 
 from qsframework.diagnose.result import Diagnosis
 from qsframework.discriminate.follow_up import FollowUp
-from qsframework.discriminate.pair import Discrimination
 from qsframework.report import diagnosis_plots as plots, diagnosis_tables as tables
 from qsframework.report.blocks import Block, Section, Text
 from qsframework.report.provenance import EQUILIBRIUM, LEAST_SQUARES, LINEAR, provenance_section
 from qsframework.report.residual_view import residual_view
 from qsframework.report.words.diagnosis import method_words
-from qsframework.report.words.discrimination import discrimination_words, follow_up_words
+from qsframework.report.words.follow_up import follow_up_words
 from qsframework.report.words.noise import audit_words, misfit_words
 
 _HOW = (
@@ -33,18 +32,15 @@ _LAWS = (
 )
 
 
-def diagnosis_sections(
-    diagnosis: Diagnosis, files: Sequence[Path], pairs: Sequence[Discrimination] = (), day: FollowUp | None = None
-) -> tuple[Section, ...]:
-    """All sections of the report; files: what the diagnosis read, for their hashes; pairs: what separates causes; day:
-    the poses of a second day."""
+def diagnosis_sections(diagnosis: Diagnosis, files: Sequence[Path], day: FollowUp | None = None) -> tuple[Section, ...]:
+    """All sections of the report; files: what the diagnosis read, for their hashes; day: the visits of a second day."""
     model, robots = diagnosis.extended.model, (diagnosis.experiment.robot,)
     laws = (LINEAR, EQUILIBRIUM, LEAST_SQUARES, *_LAWS)
     computed = provenance_section(model.effects, files, diagnosis.seed, laws, model.parameters, robots)
     settings = Text(f"Level {100 * diagnosis.level:g} %, {len(diagnosis.table)} causes tried, {_sizes(diagnosis)}.")
     return (
-        Section("Verdict", tuple(_verdict(diagnosis, pairs))),
-        Section("Causes", tuple(_causes(diagnosis, pairs)), folded=True),
+        Section("Verdict", tuple(_verdict(diagnosis, day))),
+        Section("Causes", tuple(_causes(diagnosis)), folded=True),
         *([] if day is None else [Section("A second day", tuple(_day(day)))]),
         Section("Residuals before and after", tuple(_residuals(diagnosis)), folded=True),
         Section("What these readings can identify", tuple(_tell(diagnosis)), folded=True),
@@ -58,8 +54,8 @@ def _sizes(diagnosis: Diagnosis) -> str:
     return f"{len(diagnosis.kept)} of {len(r.use)} rows at {len(r.poses)} poses"
 
 
-def _verdict(diagnosis: Diagnosis, pairs: Sequence[Discrimination]) -> Iterator[Block]:
-    for title, rows in tables.verdict_groups(diagnosis, pairs):
+def _verdict(diagnosis: Diagnosis, day: FollowUp | None) -> Iterator[Block]:
+    for title, rows in tables.verdict_groups(diagnosis, day):
         yield Text(f"{title}:")
         yield rows
     yield plots.budget_figure(diagnosis)
@@ -75,7 +71,7 @@ def _verdict(diagnosis: Diagnosis, pairs: Sequence[Discrimination]) -> Iterator[
     yield tables.error_rows(diagnosis)
 
 
-def _causes(diagnosis: Diagnosis, pairs: Sequence[Discrimination]) -> Iterator[Block]:
+def _causes(diagnosis: Diagnosis) -> Iterator[Block]:
     if (certain := tables.cause_table(diagnosis)).rows:
         yield certain
     if (doubtful := tables.doubtful_table(diagnosis)).rows:
@@ -88,9 +84,6 @@ def _causes(diagnosis: Diagnosis, pairs: Sequence[Discrimination]) -> Iterator[B
         if f.hangs_on:
             sets = ", ".join("+".join(s) for s in f.hangs_on)
             yield Text(f"{f.name} rests on poses {sets}: without them another answer, or none, fits as well.")
-    for pair in pairs:
-        for said in discrimination_words(pair):
-            yield Text(said)
     if diagnosis.leftovers:
         yield tables.leftover_table(diagnosis)
         yield tables.place_table(diagnosis)

@@ -8,7 +8,6 @@ import numpy as np
 
 from qsframework.diagnose.result import Diagnosis, Line, NamedCause, Status, Value
 from qsframework.discriminate.follow_up import FollowUp
-from qsframework.discriminate.pair import Discrimination
 from qsframework.plugin import Parameter
 from qsframework.report.blocks import Lines, ReportTable
 from qsframework.report.words.diagnosis import (
@@ -19,7 +18,7 @@ from qsframework.report.words.diagnosis import (
     statements,
     status_words,
 )
-from qsframework.report.words.discrimination import suspect_words
+from qsframework.report.words.follow_up import suspect_words
 from qsframework.report.words.headline import check_words
 from qsframework.report.words.law import place_words, variable_words
 from qsframework.report.words.next_steps import next_steps
@@ -41,9 +40,9 @@ _EVIDENCE = (
 _BESIDE = ("nearest, angle", "beside the named ones at most (95 %)")
 
 
-def verdict_groups(diagnosis: Diagnosis, pairs: Sequence[Discrimination] = ()) -> tuple[tuple[str, Lines], ...]:
+def verdict_groups(diagnosis: Diagnosis, day: FollowUp | None = None) -> tuple[tuple[str, Lines], ...]:
     """What the verdict rests on, and what to measure next, under their titles; causes stand in front."""
-    said = statements(diagnosis, pairs)
+    said = statements(diagnosis)
     groups: list[tuple[str, Lines]] = []
     for group in CauseGroup:
         rows = [(s.about, s.text) for s in said if s.group is group]
@@ -51,7 +50,7 @@ def verdict_groups(diagnosis: Diagnosis, pairs: Sequence[Discrimination] = ()) -
         rows += [("Look at", f"{check_words(f)} ({f.name})") for f in looked if f.check]
         if rows:
             groups.append((group.value, Lines(tuple(rows))))
-    steps = tuple((step.do, f"{step.settles}.") for step in next_steps(diagnosis, pairs))
+    steps = tuple((step.do, f"{step.settles}.") for step in next_steps(diagnosis, day))
     return (*groups, *([("Next", Lines(steps))] if steps else []))
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from qsframework.diagnose.audit_entries import audited_of
 from qsframework.diagnose.extend import Extension, write_extension
 from qsframework.diagnose.result import Diagnosis
-from qsframework.discriminate.pair import Discrimination
+from qsframework.discriminate.follow_up import FollowUp
 from qsframework.errors import InputError
 from qsframework.files import sha256
 from qsframework.report.words.diagnosis import diagnosis_words
@@ -18,14 +18,14 @@ from qsframework.screening import adopted
 
 
 def write_extended(
-    diagnosis: Diagnosis, folder: str | Path, pairs: Sequence[Discrimination] = (), *, doubtful: bool = False
+    diagnosis: Diagnosis, folder: str | Path, day: FollowUp | None = None, *, doubtful: bool = False
 ) -> tuple[Path, ...]:
     """Write the extended robot of a diagnosis and its experiment into a folder, all or nothing.
 
     Args:
         diagnosis: of the readings.
         folder: to make, or an empty one.
-        pairs: what would separate alternatives, where it was computed.
+        day: the visits that would settle what is open, where they were chosen.
         doubtful: with causes that do not clearly reduce the held-out error.
 
     Returns:
@@ -34,7 +34,7 @@ def write_extended(
     Raises:
         InputError: as `write_extension` has them.
     """
-    return write_extension(extension_of(diagnosis, pairs, doubtful=doubtful), folder)
+    return write_extension(extension_of(diagnosis, day, doubtful=doubtful), folder)
 
 
 def extended_words(diagnosis: Diagnosis, added: Sequence[str], *, doubtful: bool = False) -> str:
@@ -49,7 +49,7 @@ def extended_words(diagnosis: Diagnosis, added: Sequence[str], *, doubtful: bool
     return f"The model is extended by {', '.join(added)}{gain if doubtful or not diagnosis.doubtful else ''}."
 
 
-def extension_of(diagnosis: Diagnosis, pairs: Sequence[Discrimination] = (), *, doubtful: bool = False) -> Extension:
+def extension_of(diagnosis: Diagnosis, day: FollowUp | None = None, *, doubtful: bool = False) -> Extension:
     """The extension that a diagnosis calls for: its certain names and the law that was learned beside them, or all
     names without it, and the values of the exact fit. The law's weights are fitted again with all else, by the prior
     that its effect holds."""
@@ -77,7 +77,7 @@ def extension_of(diagnosis: Diagnosis, pairs: Sequence[Discrimination] = (), *, 
             f"{diagnosis.experiment.robot.folder}, then diagnose again"
         )
     otherwise = [c for c in proved if c.name not in settled.model.names]
-    notes = [diagnosis_words(diagnosis, pairs)]
+    notes = [diagnosis_words(diagnosis, day)]
     if otherwise:
         said = " ".join(f"{c.words}." for c in otherwise)
         notes.append(f"The readings are not named here: they have to be corrected first. {said}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,12 +11,11 @@ from qsframework.diagnose.residuals.lack_of_fit import LackOfFit
 from qsframework.diagnose.result import Diagnosis, LearnedLaw, Leftover, Line, NamedCause
 from qsframework.discriminate.follow_up import FollowUp
 from qsframework.discriminate.mounts import Mount
-from qsframework.discriminate.pair import Discrimination
 from qsframework.files import as_file
 from qsframework.forecast.forecast import Foresight, Prospect
 from qsframework.forecast.unknown import SIZE, UnknownOutlook
 from qsframework.report.words.diagnosis import diagnosis_words, limit_words, method_words
-from qsframework.report.words.discrimination import discrimination_words, offer_words, suspect_words
+from qsframework.report.words.follow_up import suspect_words
 from qsframework.report.words.forecast import foresight_words, size_words, why_words
 from qsframework.report.words.headline import headline
 from qsframework.report.words.law import place_words, variable_words
@@ -27,14 +25,14 @@ from qsframework.screening import SUSPECTED, Mistake
 _RMS = ("nominal", "identified", "extended", "heldout_identified", "heldout_extended", "noise")
 
 
-def diagnosis_json(found: Diagnosis, pairs: Sequence[Discrimination] = ()) -> dict[str, Any]:
-    """What `qsf diagnose` writes (SI units, RMS in mm). pairs: what would separate alternatives."""
+def diagnosis_json(found: Diagnosis, day: FollowUp | None = None) -> dict[str, Any]:
+    """What `qsf diagnose` writes (SI units, RMS in mm). day: the visits that settle what is open."""
     return {
         "account": as_file(found.account),
         "verdict": found.verdict,
         "headline": headline(found),
-        "words": diagnosis_words(found, pairs),
-        "next": [{"do": step.do, "settles": step.settles} for step in next_steps(found, pairs)],
+        "words": diagnosis_words(found, day),
+        "next": [{"do": step.do, "settles": step.settles} for step in next_steps(found, day)],
         "causes": [_cause(f) for f in found.findings],
         "conventions": [c.name for c in found.conventions if c.compelling],
         "mistakes": [_mistake(c) for c in found.conventions if c.compelling or c.name in SUSPECTED],
@@ -61,6 +59,7 @@ def diagnosis_json(found: Diagnosis, pairs: Sequence[Discrimination] = ()) -> di
         "table": [_line(x) for x in found.table],
         "plain_alone": [x.name for x in found.plain_alone],
         "notes": list(method_words(found)),
+        "follow_up": None if day is None else _follow_up(day),
         "level": found.level,
         "seed": found.seed,
     }
@@ -166,27 +165,7 @@ def _misfit(fit: LackOfFit) -> dict[str, Any]:
     }
 
 
-def discrimination_json(pair: Discrimination) -> dict[str, Any]:
-    """SI units, angles in deg."""
-    return {
-        "first": pair.first,
-        "second": pair.second,
-        "values": dict(zip([p.name for p in pair.parameters], pair.values.tolist(), strict=True)),
-        "s_before": pair.s_before,
-        "s_after": pair.s_after,
-        "angle_before_deg": _degrees(pair.angle_before),
-        "angle_after_deg": _degrees(pair.angle_after),
-        "s_bound": pair.bound,
-        "angle_limit_deg": _degrees(pair.limit),
-        "helps": pair.helps,
-        "offers": [
-            {"name": o.name, "what": offer_words(o), "s": o.s, "angle_deg": _degrees(o.angle)} for o in pair.offers
-        ],
-        "words": list(discrimination_words(pair)),
-    }
-
-
-def follow_up_json(found: FollowUp) -> dict[str, Any]:
+def _follow_up(found: FollowUp) -> dict[str, Any]:
     """Chances from 0 to 1; positions in mm."""
     return {
         "visits": len(found.plan.pose),

@@ -77,8 +77,8 @@ def test_other_readings_than_the_experiments_own(tmp_path: Path) -> None:
 def test_options_that_do_not_go_together_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="a plan goes without --extend"):
         run("diagnose", M900IB, str(example("m900ib") / "table5.csv"), "--extend", str(tmp_path / "o"))
-    with pytest.raises(InputError, match="--separate goes without --report"):
-        run("diagnose", R2000IC, "--separate", "a", "b", "--report", str(tmp_path / "r.html"))
+    with pytest.raises(InputError, match="a plan goes without --follow-up"):
+        run("diagnose", M900IB, str(example("m900ib") / "table5.csv"), "--follow-up", "4")
     with pytest.raises(InputError, match="would overwrite an input"):
         run("diagnose", R2000IC, "--json", R2000IC)
     with pytest.raises(InputError, match="no readings"):

@@ -18,15 +18,11 @@ from qsframework.diagnose.residuals.noise_components import visible
 from qsframework.diagnose.selection.alternatives import falls_of
 from qsframework.diagnose.selection.family_test import FamilyBlock, family_test
 from qsframework.diagnose.verdict import misfits, verdict_of
-from qsframework.discriminate.alternatives import _directions, _marker  # pyright: ignore[reportPrivateUsage]
 from qsframework.discriminate.follow_up import follow_up
-from qsframework.discriminate.pair import noise_of, with_loads
-from qsframework.discriminate.t_optimal import _left, told  # pyright: ignore[reportPrivateUsage]
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
 from qsframework.estimation import Independent
 from qsframework.estimation.visit_noise import VisitNoise, reml
 from qsframework.experiment import make_rows, observation_model
-from qsframework.experiment.setup import StatedNoise
 from qsframework.forecast.effect_size import Bench
 from qsframework.forecast.forecast import Outlook, Prospect, Why
 from qsframework.plugin import Poses
@@ -96,21 +92,6 @@ def test_no_direction_no_statistic() -> None:
 
 def test_nothing_given_nothing_falls() -> None:
     assert falls_of(SimpleNamespace(total=5.0, solve=None), ()) == 0.0  # pyright: ignore[reportArgumentType]
-
-
-def test_somebody_must_say_the_noise_and_the_loads() -> None:
-    unknown = campaign().with_(noise=StatedNoise(None))
-    assert noise_of(unknown, 1e-5) == 1e-5
-    assert noise_of(campaign(), None) == SIGMA
-    with pytest.raises(InputError, match="a design needs the noise"):
-        noise_of(unknown, None)
-    bare = campaign().with_(loads=())
-    with pytest.raises(InputError, match="a design needs `loads`"):
-        with_loads(bare, [])
-    taken = with_loads(bare, [poses(1, 6)])
-    sizes = [np.linalg.norm(case.wrench[:3]) for case in taken.loads]
-    assert sizes == sorted(sizes, reverse=True)
-    assert with_loads(campaign(), []) is campaign()
 
 
 def test_readings_of_an_arm_without_load_tell_nothing() -> None:
@@ -232,41 +213,6 @@ def test_poses_are_a_batch_that_can_be_taken_apart() -> None:
     some = poses(3, 5)
     assert isinstance(some.take(slice(0, 2)), Poses)
     assert len(some.take([0, 2])) == 2
-
-
-def test_other_loads_to_offer_are_as_large_and_not_there_yet() -> None:
-    first = campaign().loads[0]
-    down = campaign().with_(loads=(replace(first, wrench=frozen([0, 0, -500.0, 0, 0, 0])),))
-    offered = _directions(down)
-    assert [o.name for o in offered] == [f"500 N along {w}" for w in ("+x", "+y", "+z", "-x", "-y")]
-    assert all(np.linalg.norm(o.wrench) == 500.0 for o in offered)
-    turned = campaign().with_(loads=(replace(first, wrench=frozen([0, 0, 0, 0, 80.0, 0])),))
-    assert [o.name for o in _directions(turned)] == [f"80 N m about {w}" for w in ("+x", "+z", "-x", "-y", "-z")]
-
-
-def test_a_marker_to_offer_has_a_name_of_its_own_and_a_link() -> None:
-    found = _marker(campaign(), "elbow", 3)
-    assert found is not None
-    assert found.name == "elbow"
-    assert np.linalg.norm(found.xyz) > 0.0
-    assert _marker(campaign(), "m1", 3) is None
-    robot = replace(campaign().robot, frames={n: f for n, f in campaign().robot.frames.items() if f.link != 3})
-    assert _marker(campaign().with_(robot=robot), "elbow", robot.facts.n) is not None
-
-
-def test_a_trace_beside_what_else_can_explain_it() -> None:
-    """Norms by hand: nothing beside it, itself beside it, half of it beside it, nothing of it at all."""
-    e = np.eye(4)
-    assert _left(np.zeros((4, 2)), 3.0 * e[0]) == 3.0
-    assert _left(e[:, :1], 3.0 * e[0]) == pytest.approx(0.0, abs=1e-12)
-    assert _left(e[:, :1], 3.0 * e[0] + 4.0 * e[1]) == pytest.approx(4.0)
-    assert _left(e[:, :1], np.zeros(4)) == 0.0
-    s, angle = told(np.column_stack([e[2], e[0], 3.0 * e[0] + 4.0 * e[1]]), (1, 1))
-    assert s == pytest.approx(4.0)
-    assert angle == pytest.approx(np.arcsin(0.8))
-    s, angle = told(np.column_stack([e[2], e[0], np.zeros(4)]), (1, 1))
-    assert s == 0.0
-    assert np.isnan(angle)
 
 
 def test_a_size_that_settles_nowhere_stays_where_it_was(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -122,9 +122,9 @@ def test_what_is_plain_by_itself_is_not_called_excluded(real: Diagnosis) -> None
 def test_long_lists_are_counted_and_folded(real: Diagnosis, tmp_path, capsys) -> None:
     for table in (excluded_table(real), unseen_table(real)):
         assert table.folded
-    print_diagnosis(real, ())
+    print_diagnosis(real, None)
     short = capsys.readouterr().out
-    print_diagnosis(real, (), verbose=True)
+    print_diagnosis(real, None, verbose=True)
     long = capsys.readouterr().out
     assert "causes are excluded above a size: no " in short
     assert "causes are invisible in these readings, so nothing is said about them" in short

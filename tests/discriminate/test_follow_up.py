@@ -17,10 +17,16 @@ from qsframework.design import design
 from qsframework.diagnose import Diagnosis, diagnose
 from qsframework.discriminate import FollowUp, follow_up
 from qsframework.discriminate.explanations import Explanations
-from qsframework.discriminate.follow_up import chosen_visits, opened
+from qsframework.discriminate.follow_up import chosen_visits, opened, suspects_of
 from qsframework.errors import InputError
 from qsframework.experiment import example, load_experiment, read_readings, simulate
-from qsframework.plugin import Array
+from qsframework.plugin import Array, find
+from qsframework.report.words.diagnosis import statements
+from qsframework.report.words.follow_up import suspect_words
+from qsframework.report.words.next_steps import next_steps
+from tests.diagnose.cases import HARDENING, campaign, hardened, measured, twisted as twisted_bearing, with_size
+
+BEARING, LINK = "offaxis_compliance[joint_4/z]", "link_compliance[link_3/rz]"
 
 
 def twisted(size: float) -> Hidden:
@@ -133,3 +139,61 @@ def test_nothing_named_leaves_nothing_open() -> None:
     assert quiet.verdict == "none"
     with pytest.raises(InputError, match="nothing is open"):
         follow_up(quiet)
+
+
+@pytest.fixture(scope="module")
+def alike() -> Diagnosis:
+    """A bearing that gives much: to markers on the tool it is the link before it that twists."""
+    hidden = with_size(find("offaxis_compliance")("joint_4", "z"), 8.0)
+    return diagnose(campaign(), measured(*hidden, seed=1, count=16), repeats=1)
+
+
+def test_what_no_visit_parts_a_reflector_between_does(alike: Diagnosis) -> None:
+    """Markers on the tool see a link and the bearing that ends it alike; one on the link does not."""
+    (f,) = alike.findings
+    assert {f.name, *(r.name for r in f.alternatives)} >= {BEARING, LINK}
+    assert alike.open
+    day = follow_up(alike, 6, candidates=60)
+    best = day.mounts[0]
+    assert day.after < 0.75
+    assert best.chance > 0.98
+    assert best.marker.link == "link_3"
+    first = next_steps(alike, day)
+    (mount,) = (step for step in first if step.do.startswith("Mount a reflector on link_3"))
+    assert mount.settles.startswith("the chance of naming the right place rises to")
+    assert [s.text for s in statements(alike) if s.text.startswith("These readings cannot separate")]
+    there = follow_up(alike, 6, candidates=60, without=("link_3",))
+    assert all(m.marker.link != "link_3" for m in there.mounts)
+
+
+def test_what_is_certain_is_no_explanation_of_the_rest() -> None:
+    """Beside a drive that stiffens, which is certain, only the two places that look alike are open."""
+    bearing = find("offaxis_compliance")("joint_4", "z")
+    effects, values = with_size(bearing, 2.0)
+    found = diagnose(
+        campaign(), measured((*HARDENING[0], *effects), HARDENING[1] | values, seed=5, count=30), repeats=1
+    )
+    assert {f.name for f in found.findings} & {BEARING, LINK}
+    assert [c.name for c in found.known] == ["joint_hardening[joint_3]"]
+    assert set(found.known[0].names) <= set(found.settled.names)
+    said = {suspect_words(s): s.share for s in suspects_of(found)}
+    assert "joint_hardening[joint_3]" not in said
+    assert said[BEARING] + said[LINK] > 0.8
+    day = follow_up(found, 4, candidates=40)
+    assert day.before == pytest.approx(0.5, abs=0.1)
+
+
+def test_what_is_explained_leaves_nothing_open() -> None:
+    found = hardened()
+    assert not found.open
+    assert found.known == ()
+    assert found.settled is found.baseline
+
+
+def test_loads_that_nobody_lists_are_those_of_the_first_day() -> None:
+    found = twisted_bearing()
+    bare = replace(found, experiment=found.experiment.with_(loads=()))
+    pool, _ = opened(bare, 10, 0)
+    hung = np.unique(pool.poses.wrench, axis=0)
+    listed = np.array([load.wrench for load in found.experiment.loads])
+    assert {tuple(w) for w in hung.round(6)} == {tuple(w) for w in listed.round(6)}

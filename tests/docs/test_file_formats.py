@@ -68,9 +68,9 @@ def test_plan_json_holds_these_keys(root: Path, tmp_path: Path) -> None:
 
 
 def test_diagnosis_json_holds_these_keys() -> None:
-    """The keys of `diagnosis_json` and those that the command adds, from its source."""
+    """The keys of `diagnosis_json`, from its source."""
     import inspect
     import re
 
     written = re.findall(r'^        "(\w+)":', inspect.getsource(diagnosis_json), re.M)
-    assert set(formats.keys_of("diagnosis.json")) == {*written, "separations", "follow_up", "format"}
+    assert set(formats.keys_of("diagnosis.json")) == {*written, "format"}

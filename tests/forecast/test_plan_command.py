@@ -1,4 +1,4 @@
-"""`qsf diagnose` of a plan, `--separate`, `--follow-up`: what they print and write."""
+"""`qsf diagnose` of a plan, and the plan of a second day at the end of one: what they print and write."""
 
 import json
 from dataclasses import replace
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from qsframework.cli.day import SECOND_DAY, second_day
-from qsframework.cli.diagnose_plan import run_follow_up, run_foresight, run_separate
+from qsframework.cli.diagnose_plan import run_foresight
 from qsframework.design import design
 from qsframework.errors import InputError
 from qsframework.experiment import example, load_experiment, read_plan, write_plan
@@ -93,22 +93,6 @@ def test_the_power_curve_rises(foresight):
     assert np.all(np.diff(curve["y"]) >= -1e-9)
 
 
-def test_separating_poses_are_a_plan(experiment, plan_file, tmp_path, capsys):
-    pair = ("base_compliance[rx]", "offaxis_compliance[joint_1/x]")
-    run_separate(FILE, [plan_file], pair, 4, tmp_path / "more.csv", tmp_path / "s.json")
-    said = capsys.readouterr().out
-    assert "4 more poses bring s from" in said
-    assert len(read_plan(tmp_path / "more.csv", experiment).pose) == 4
-    assert json.loads((tmp_path / "s.json").read_text())["helps"] is True
-
-
-def test_a_second_day_is_a_plan(tmp_path, capsys):
-    found = hardened()
-    run_follow_up(found, 5, tmp_path / "day2.csv")
-    assert "5 visits bring the chance" in capsys.readouterr().out
-    assert len(read_plan(tmp_path / "day2.csv", found.experiment).pose) == 5
-
-
 def test_a_measuring_day_plans_the_next_one(tmp_path):
     """Where its diagnosis leaves something open; and where nothing can be planned, it says so and goes on."""
     found = hardened()
@@ -120,13 +104,3 @@ def test_a_measuring_day_plans_the_next_one(tmp_path):
     after, said = second_day(replace(found, experiment=nowhere), tmp_path / "none")
     assert after is None
     assert said[0].startswith("no plan of a second day: ")
-
-
-def test_without_a_stated_noise_what_the_fit_leaves_counts(tmp_path, capsys):
-    file = example("r2000ic") / "experiment.yaml"
-    pair = ("offaxis_compliance[joint_4/z]", "offaxis_compliance[joint_3/x]")
-    run_separate(file, [file.parent / "readings.csv"], pair, 4, tmp_path / "more.csv")
-    said = capsys.readouterr().out
-    assert "Nobody states the noise" in said
-    assert "0.2" in said.split("counts as noise:")[1][:6]
-    assert len(read_plan(tmp_path / "more.csv", load_experiment(file)).pose) == 4

@@ -135,7 +135,6 @@ GOOD: dict[str, tuple[str, ...]] = {
     "profile": ("joint_compliance[elbow]",),
     "states": ("differences", "positions"),
     "reference": ("commanded", "unloaded"),
-    "separate": ("joint_compliance[elbow]", "load_scale"),
     "to": ("csv", "csv", "fanuc-ls", "krl", "rapid", "urscript"),
     "order": ("shortest", "random", "plan"),
     "home": ("0,-20",),

@@ -11,9 +11,8 @@ import numpy as np
 from qsframework.diagnose.result import Alike, Diagnosis, Errors, LearnedLaw, Leftover, Line, NamedCause, Status
 from qsframework.diagnose.selection.cross_validation import FOLDS
 from qsframework.diagnose.verdict import misfits
-from qsframework.discriminate.pair import Discrimination
+from qsframework.discriminate.follow_up import FollowUp
 from qsframework.plugin import Parameter
-from qsframework.report.words.discrimination import outlook_words
 from qsframework.report.words.fit import alignment_words
 from qsframework.report.words.headline import headline, names_words, poses_words, worst_poses
 from qsframework.report.words.law import place_words, places_words, variable_words
@@ -27,7 +26,7 @@ ALONE = "explained by the named causes"
 """Of a cause that is plain by itself, but shows nothing that the named ones do not."""
 UNHELD = "seen, but no fit with it holds"
 _ALIKE = float(np.deg2rad(1.0))
-"""Angle below which no poses are predicted: whether any tell the two is still to be computed."""
+"""Angle below which two causes are the same to the readings."""
 TOO_WEAK = "It is too weak to learn a correction: add poses or repeats."
 _HARDLY = 3.0
 """s below which readings hardly tell a learned law from a cause of the library."""
@@ -55,12 +54,12 @@ class Statement:
         return f"{self.about}: {self.text}" if self.about else self.text
 
 
-def diagnosis_words(found: Diagnosis, pairs: Sequence[Discrimination] = ()) -> str:
+def diagnosis_words(found: Diagnosis, day: FollowUp | None = None) -> str:
     """The verdict, what it rests on and what to measure next, as text.
 
     Args:
         found: a diagnosis.
-        pairs: what would separate alternatives, where it was computed.
+        day: the visits that would settle what is open, where they were chosen.
 
     Returns:
         One paragraph.
@@ -68,20 +67,19 @@ def diagnosis_words(found: Diagnosis, pairs: Sequence[Discrimination] = ()) -> s
     Raises:
         AttributeError: where `found` is no diagnosis.
     """
-    steps = [f"Next: {step}" for step in next_steps(found, pairs)]
-    return " ".join([headline(found), *map(str, statements(found, pairs)), *steps])
+    steps = [f"Next: {step}" for step in next_steps(found, day)]
+    return " ".join([headline(found), *map(str, statements(found)), *steps])
 
 
-def statements(found: Diagnosis, pairs: Sequence[Discrimination] = ()) -> tuple[Statement, ...]:
-    """What the verdict rests on, group by group. pairs: what would separate alternatives."""
-    outlooks = {pair.first: outlook_words(pair) for pair in pairs}
+def statements(found: Diagnosis) -> tuple[Statement, ...]:
+    """What the verdict rests on, group by group."""
     adopted = {c.name for c in found.conventions if c.compelling}
     said = [Statement(f"{c.words}.{_moved(c)}", c.name) for c in found.conventions if c.compelling]
     said[:1] = [replace(s, text=s.text + _next_best(found)) for s in said[:1]]
     for group, findings in named_groups(found).items():
         own = [f for f in findings if f.name not in adopted]
         said += [Statement(_evidence(f), f.name, group) for f in own]
-        said += [Statement(tied_words(f, outlooks.get(f.name, "")), "", group) for f in own if f.alternatives]
+        said += [Statement(tied_words(f), "", group) for f in own if f.alternatives]
         said += [Statement(instead_words(f, f.instead), "", group) for f in own if f.instead]
         said += [Statement(_hanging(f), "", group) for f in own if f.hangs_on]
         if own and group is CauseGroup.DOUBTFUL:
@@ -189,14 +187,12 @@ def status_words(x: Line, found: Diagnosis) -> str:
     return ALONE if found.findings else UNHELD
 
 
-def tied_words(f: NamedCause, outlook: str = "") -> str:
-    """That the readings leave alternatives; outlook: what would tell, where that has been computed."""
+def tied_words(f: NamedCause) -> str:
+    """That the readings leave alternatives."""
     shown = [f"{r.name} (angle {np.rad2deg(r.angle):.0f} deg)" for r in f.alternatives[:_SHOWN]]
     more = f" and {len(f.alternatives) - _SHOWN} more" if len(f.alternatives) > _SHOWN else ""
-    if not outlook:
-        alike = min(r.angle for r in f.alternatives) < _ALIKE
-        outlook = "to these readings they are the same" if alike else "poses can be designed that would"
-    return f"These readings cannot separate {f.name} from {', '.join(shown)}{more}: {outlook}."
+    same = ": to these readings they are the same" if min(r.angle for r in f.alternatives) < _ALIKE else ""
+    return f"These readings cannot separate {f.name} from {', '.join(shown)}{more}{same}."
 
 
 def _hanging(f: NamedCause) -> str:

@@ -10,7 +10,7 @@ from qsframework.diagnose.linearization.candidates import REACH
 from qsframework.forecast.forecast import DetectableSize, Foresight, Outlook, PowerCurve, Prospect, Why
 from qsframework.forecast.unknown import SIZE, PlaceOutlook, UnknownOutlook
 from qsframework.report.blocks import Mark, Verdict
-from qsframework.report.words.discrimination import mounts_words
+from qsframework.report.words.follow_up import mounts_words
 from qsframework.report.words.law import place_words
 from qsframework.report.words.lists import listed
 from qsframework.report.words.sizes import people_size

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from qsframework.diagnose.law import Law
 from qsframework.diagnose.result import Diagnosis, Status
 from qsframework.diagnose.verdict import misfits
-from qsframework.discriminate.pair import ENOUGH, SEEN, Discrimination
-from qsframework.experiment import LoadCase, Marker
-from qsframework.report.words.discrimination import offer_words, size_words
+from qsframework.discriminate.follow_up import FollowUp
+from qsframework.report.words.follow_up import WORTH, mount_words, percent
 from qsframework.report.words.headline import names_words, poses_words, worst_poses
 from qsframework.report.words.law import place_words, variable_words
 from qsframework.report.words.lists import listed
@@ -33,9 +32,10 @@ class NextStep:
         return f"{self.do}: {self.settles}."
 
 
-def next_steps(found: Diagnosis, pairs: Sequence[Discrimination] = ()) -> tuple[NextStep, ...]:
-    """The few steps that would settle most, the plainest first. pairs: what would separate alternatives."""
-    every = (*_repeats(found), *_separating(pairs), *_leftover(found), *_unsure(found), *_recorded(found))
+def next_steps(found: Diagnosis, day: FollowUp | None = None) -> tuple[NextStep, ...]:
+    """The few steps that would settle most, the plainest first. day: the visits that settle what is open."""
+    chosen = () if day is None else _second_day(day)
+    every = (*_repeats(found), *chosen, *_leftover(found), *_unsure(found), *_recorded(found))
     return tuple({step.do: step for step in every}.values())[:_MOST]
 
 
@@ -67,27 +67,16 @@ def unrepeatable(found: Diagnosis) -> bool:
     return found.method.lone and not found.audit.repeated and not stated
 
 
-def _separating(pairs: Sequence[Discrimination]) -> Iterator[NextStep]:
-    """What tells a named cause from its nearest rival: more poses, or where these are too little another reading."""
-    for pair in pairs:
-        best = max((o for o in pair.offers if o.s >= SEEN), key=lambda o: o.s, default=None)
-        what = f"separates {pair.first} from {pair.second}"
-        if pair.useful and (best is None or pair.s_after >= min(best.s, ENOUGH)):
-            yield NextStep(
-                f"Measure {len(pair.plan.pose)} more poses, designed for it", what + _from(pair, pair.s_after)
-            )
-        elif best is not None:
-            how = offer_words(best)
-            do = f"Read {how}"
-            if isinstance(best.other, LoadCase):
-                do = f"Add {len(pair.plan.pose)} poses under {how}"
-            elif isinstance(best.other, Marker):
-                do = f"Add {how}"
-            yield NextStep(do, what + _from(pair, best.s))
-
-
-def _from(pair: Discrimination, s: float) -> str:
-    return "" if s >= ENOUGH else f" from {size_words(pair, ENOUGH / s)} on"
+def _second_day(day: FollowUp) -> Iterator[NextStep]:
+    """Visits that were chosen for what is open, and what to mount where they are too little."""
+    count, place = len(day.plan.pose), "the chance of naming the right place"
+    if max(day.after - day.before, day.variable_after - day.variable_before) > WORTH:
+        rises = f"{place} rises from {percent(day.before)} to {percent(day.after)}"
+        variable = f"{percent(day.variable_before)} to {percent(day.variable_after)}"
+        yield NextStep(f"Measure {count} more visits, chosen for it", f"{rises}, with its variable from {variable}")
+    best = max(day.mounts, key=lambda m: m.chance, default=None)
+    if best is not None and best.chance > day.after + WORTH:
+        yield NextStep(f"Mount {mount_words(best)} for {count} such visits", f"{place} rises to {percent(best.chance)}")
 
 
 def _leftover(found: Diagnosis) -> Iterator[NextStep]:
