@@ -25,6 +25,7 @@ from qsframework.screening.edits import (
     group_of,
     misfits,
     plain,
+    vanishes,
 )
 from qsframework.screening.standing_out import Standing
 
@@ -53,12 +54,17 @@ def block(standing: Standing) -> tuple[Edit, float] | None:
     count = int(np.isfinite(start.value).sum())
     edits = [*_forces(standing, group), *_values(start)]
     after = misfits(standing, edits)
-    best = int(np.argmin(after))
-    if after[best] <= standing.usual(count):
-        return edits[best], before - float(after[best])
+    for i in map(int, np.argsort(after)):
+        if after[i] > standing.usual(count):
+            break
+        if not vanishes(standing, edits[i], float(after[i])):
+            return edits[i], before - float(after[i])
     framed = _framed(standing, start)
     if framed is not None:
         return replace(start, slip=FRAME, masked=False, free=6), before - framed
+    others = np.setdiff1d(standing.rows.keep, start.rows)
+    if not np.isin(standing.readings.marker[start.rows], standing.readings.marker[others]).all():
+        return None  # of a marker that is read nowhere else nobody knows what it would do in another setting
     elsewhere = np.delete(standing.misfit, run).max(initial=0.0)
     if np.median(standing.misfit[list(run)]) < _CLEAR * elsewhere:
         return None

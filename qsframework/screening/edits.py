@@ -34,6 +34,8 @@ VALUES = (
 """Factors of the number in the file that may make the one that was meant, each with its slip."""
 _LOADS = 40
 """Loads of a file that are tried in the place of one, the most frequent first."""
+_SAYS = 49.0
+"""By how much smaller readings must fit better than none at all, in squares of the noise: s = 7."""
 _SAME = 1e-9
 """m: readings that differ by less are copies."""
 _MANY = 5
@@ -281,6 +283,17 @@ def _taken(readings: Readings, own: Group, other: Group, what: str) -> Edit:
 def misfits(standing: Standing, edits: Sequence[Edit]) -> Array:
     """Misfit (E,) of the rows of each edit against the fit to the visits that agree, in squares of the noise."""
     return np.array([float(e @ e) for e in residuals(standing, edits)])
+
+
+def vanishes(standing: Standing, edit: Edit, misfit: float) -> bool:
+    """Whether an edit of this misfit makes readings so small that none at all would fit as well: where nothing is
+    foretold to move, whatever makes readings smaller fits."""
+    own = standing.readings.value[edit.rows]
+    smaller = np.abs(np.nan_to_num(edit.value)) < np.abs(np.nan_to_num(own))
+    if not smaller.any():
+        return False
+    nothing = replace(edit, value=np.where(smaller, 0.0, edit.value))
+    return float(misfits(standing, [nothing])[0]) - misfit < _SAYS
 
 
 def residuals(standing: Standing, edits: Sequence[Edit]) -> list[Array]:

@@ -32,6 +32,7 @@ from qsframework.screening.edits import (
     repeated_readings,
     state_edits,
     value_edits,
+    vanishes,
     with_angle,
     with_force,
 )
@@ -153,6 +154,8 @@ def _best(standing: Standing, group: Group) -> Mend | None:
     best, left = edits[int(order[0])], float(after[order[0]])
     gain = before - left
     if left > standing.usual(count) or gain < _LEAST * _doubt(standing) + 2.0 * np.log(len(edits)):
+        return None
+    if vanishes(standing, best, left):
         return None
     others = tuple(edits[int(i)] for i in order[1:4] if score[i] - score[order[0]] < _AS_GOOD)
     single = best.touched is not None and len(best.touched) == 1

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from independent import Campaign, Setting, noisy, write_campaign
+from independent import Campaign, Mount, Setting, add_mounts, noisy, write_campaign
 from independent_arm import ARMS, Hidden
 
 from qsframework.cli.check import check_files
@@ -208,3 +208,21 @@ def test_a_load_far_over_the_payload(folder: Path) -> None:
     assert len(told) == 1
     assert "times what the robot carries" in told[0].words
     assert not told[0].compelling
+
+
+@pytest.mark.parametrize("first", [16, 23])
+def test_what_stands_still_and_moves_is_no_other_unit(first: int, tmp_path: Path) -> None:
+    """A base that gives, which no fitted parameter explains: readings a thousand times smaller would fit, as would
+    none. In the unit of a logger, the markers that do move tell it."""
+    campaign = Campaign(Setting(ARMS["heavy"], 24, 3, fit="springs", loads="many"))
+    path = write_campaign(campaign, noisy(campaign, campaign.clean(Hidden())), tmp_path / "given")
+    rng = np.random.default_rng(0)
+    moved = np.array([0.0, 0.0, -4e-4]) + 3e-5 * rng.standard_normal((24 - first, 1, 3))
+    add_mounts(path, campaign, [Mount("bar", "base", (0, (0.9, 0.0, 0.0)))], moved, first)
+    experiment, readings = loaded(path.parent)
+    assert not [m for m in found(experiment, readings) if m.name.startswith(("block", "value"))]
+    metres = readings.value.copy()
+    metres[[int(p[1:]) > first for p in readings.pose]] *= 1e3
+    named = found(experiment, readings.with_values(metres))
+    assert [m.name.partition("[")[0] for m in named] == ["block" if first == 16 else "value"]
+    assert (first == 23) != ("factor of 0.001" in named[0].words)
