@@ -39,11 +39,11 @@ ALLOWED: dict[str, tuple[str, ...]] = {
 
 _LENGTH, _FORCE, _TIME = "[length]", "[mass] * [length] / [time] ** 2", "[time]"
 _MOMENT, _GIVE = "[mass] * [length] ** 2 / [time] ** 2", "[time] ** 2 / [mass] / [length] ** 2"
-_OFTEN: dict[str, tuple[float, float, str]] = {
+_OFTEN: dict[str, tuple[float, float, str]] = {"degC": (1.0, 273.15, "[temperature], angle^0")} | {
     unit: (factor, 0.0, f"{dimension}, angle^{angle}")
     for dimension, angle, units in (
         ("dimensionless", 1, {"rad": 1.0, "deg": math.pi / 180.0, "mrad": 1e-3, "urad": 1e-6}),
-        ("dimensionless", 0, {"": 1.0, "percent": 0.01}),
+        ("dimensionless", 0, {"": 1.0, "percent": 0.01, "um/m": 1e-6}),
         (_LENGTH, 0, {"m": 1.0, "mm": 1e-3, "um": 1e-6}),
         (f"{_LENGTH} / {_TIME} ** 2", 0, {"m/s^2": 1.0}),
         ("[mass]", 0, {"kg": 1.0}),
