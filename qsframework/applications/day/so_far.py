@@ -103,7 +103,6 @@ def so_far(day: Day) -> SoFar:
         if e.name in predicted
     )
     history = _history(day.experiment, readings, [t.name for t in told])
-    history = _history(day.experiment, readings, [t.name for t in told])
     visits = history[-1][0]  # fewer than were made where states wait for a decision
     return replace(none, visits=visits, fit=fit, told=told, help=_help(day, readings), history=history)
 
