@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -359,8 +359,9 @@ class ReadingRows:
         """
         return self.nearest(self.positions(model, x, True)) if self.estimated else ()
 
-    def nearest(self, positions: Array) -> tuple[Frame, ...]:
-        """The same frames where the positions (S, K, 3) are known."""
+    def nearest(self, positions: Array, used: npt.NDArray[np.bool_] | None = None) -> tuple[Frame, ...]:
+        """The same frames where the positions (S, K, 3) are known; used (R,): rows that count, None: all."""
+        counts = np.ones(len(self.keep), dtype=bool) if used is None else used
         turns = [None if (known := self.readings.known[f]) is None else known.rotation for f in self.estimated]
         identity = [
             Frame(self.readings.frames[f], np.eye(3) if turn is None else turn, np.zeros(3))
@@ -371,10 +372,10 @@ class ReadingRows:
         for f, frame in zip(self.estimated, identity, strict=True):
             name = self.readings.frames[f]
             if frame.touched:
-                off = (self.measured - there)[self.frame == f][:, : frame.freedom].mean(axis=0)
+                off = (self.measured - there)[counts & (self.frame == f)][:, : frame.freedom].mean(axis=0)
                 out.append(frame.moved(-off))
                 continue
-            rows = np.flatnonzero((self.frame == f) & np.isfinite(self.measured).all(axis=1))
+            rows = np.flatnonzero(counts & (self.frame == f) & np.isfinite(self.measured).all(axis=1))
             absolute = rows[self.minus[rows] < 0]
             if len(absolute):
                 check_spread(there[absolute], self.measured[absolute], name, self.readings.where)
@@ -517,18 +518,23 @@ class ObservationModel:
         return 0.0 if self.linear and self.rows.alone else REACH
 
     def observations(self) -> Observations:
-        """What the solver works on."""
+        """What the solver works on; where it ends one fit and begins the next, it is told what it knows."""
+
+        @lru_cache(maxsize=1)
+        def last(z: bytes) -> tuple[Array, Array]:
+            return self.rates(np.frombuffer(z))
+
         return Observations(
             measured=self.rows.scalars,
             predict=self.predict,
-            jacobian=self.jacobian,
+            jacobian=lambda z: last(z.tobytes())[1],
             parameters=self.parameters,
             noise=self.rows.noise,
             block=self.rows.together,
             row=self.rows.row,
             stated=self.rows.stated,
             reach=self.reach,
-            rates=self.rates,
+            rates=lambda z: last(z.tobytes()),
         )
 
 

@@ -126,7 +126,8 @@ def linearized(experiment: Experiment, readings: Readings) -> Linearized:
 def of_observations(experiment: Experiment, seen: ObservationModel) -> Linearized:
     """The same about the values and frames of a bridge."""
     rows = seen.rows
-    slopes, errors = _columns(seen, seen.frames, scales(list(seen.parameters)))
+    rates = rows.rates(seen.model, seen.x, seen.frames, seen.names, linear=True)
+    slopes, errors = _columns(rows, rates, scales(list(seen.parameters)))
     if not rank_test(rows.noise.whiten(slopes), [p.name for p in seen.parameters]).rank:
         raise NotIdentifiable(unseen=[p.name for p in seen.parameters])
     return Linearized(experiment, rows, slopes, errors, rows.noise, rows.stated)
@@ -161,10 +162,9 @@ _STEPS, _WEAK, _SHARES = 6, 1e-5, (1.0, 0.5, 0.2, 0.05)
 """Steps; share of the largest singular value below which a direction is not told; and shares of a step."""
 
 
-def _columns(seen: ObservationModel, frames: Sequence[Frame], scale: Array) -> tuple[Array, Array]:
-    """Sensitivities (m, p) m to parameters of these scales, and errors (m,) m, at a bridge's values in some frames."""
-    rows = seen.rows
-    predicted, J = rows.rates(seen.model, seen.x, frames, seen.names, linear=True)
+def _columns(rows: ReadingRows, rates: tuple[Array, Array], scale: Array) -> tuple[Array, Array]:
+    """Sensitivities (m, p) m to parameters of these scales, and errors (m,) m, from the `rates` of rows."""
+    predicted, J = rates
     return rows.flat(J) * scale, rows.scalars - rows.flat(predicted)
 
 
@@ -173,16 +173,19 @@ def agreed(
 ) -> tuple[Agreed, tuple[Frame, ...]]:
     """The fit to the blocks of rows, by number (R,), that agree, and the frames about which its motions are counted:
     those that suit these blocks. beyond: as `without_outliers` asks it; scale, held (p,): of the parameters."""
-    rows, frames, count = seen.rows, seen.frames, int(of.max(initial=-1)) + 1
+    rows, frames, asked = seen.rows, seen.frames, (seen.model, seen.x)
+    pairs = rows.pairs is not None
+    # asked once: neither what pairs say nor where the markers stand depends on the frames
+    known = rows.rates(*asked, (), seen.names, True) if pairs else rows.slopes(*asked, seen.names, True)
 
     def about(wrong: Flags) -> Whitened:
         nonlocal frames
         if wrong.any() and rows.estimated and wrong.mean() <= 0.5:
-            frames = rows.take(~wrong[of]).start(seen.model, seen.x)
-        columns, errors = _columns(seen, frames, scale)
+            frames = rows.nearest(known[0], ~wrong[of])
+        columns, errors = _columns(rows, known if pairs else rows.of_states(*known, frames), scale)
         return Whitened(noise.whiten(columns), noise.whiten(errors), noise, held)
 
-    return without_outliers(about, of[rows.row], count, beyond), frames
+    return without_outliers(about, of[rows.row], int(of.max(initial=-1)) + 1, beyond), frames
 
 
 def other_readings(given: Linearized, many: Sequence[Readings], far: float) -> list[Linearized | None]:
