@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -10,6 +11,7 @@ import numpy.typing as npt
 from qsframework.plugin import Array, Indices
 
 Flags = npt.NDArray[np.bool_]
+Real = npt.NDArray[np.floating[Any]]
 CARRIED = 1e-10
 """Share of a direction of a block that other readings must carry; below it that block alone tells a parameter."""
 _AT_ONCE = 1 << 24
@@ -34,6 +36,15 @@ def left(Q: Array, values: Array) -> Array:
     flat = values if values.ndim == 2 and len(values) == len(Q) else values.reshape(-1)
     once = flat - Q @ (Q.T @ flat)
     return (once - Q @ (Q.T @ once)).reshape(values.shape)
+
+
+def least_squares(columns: Real, readings: Real, told: float | None = None) -> Array:
+    """The coefficients (p,) or (p, k) of columns (m, p), of any sizes, that come closest to readings (m,) or (m, k).
+
+    told: share of the largest singular value below which a direction stays zero, None: what rounding leaves
+    """
+    size: Array = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    return np.asarray((np.linalg.lstsq(columns / size, readings, rcond=told)[0].T / size).T, dtype=np.float64)
 
 
 def blocks_of(label: Indices) -> list[Indices]:

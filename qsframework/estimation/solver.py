@@ -481,9 +481,6 @@ def _solution(problem: _Problem, best: _Minimum) -> Solution:
     robust = problem.loss.price(r, len(inside))
     half = np.linalg.inv(np.linalg.qr(R[:, inside], mode="r")) if len(inside) else np.zeros((0, 0))
     T = reduction.T[:, inside]
-    free = np.where(reduction.moved, np.inf, 0.0)
-    if rank_test(R, [str(i) for i in range(reduction.free)]).full:
-        free = np.linalg.norm(reduction.T @ np.linalg.inv(np.linalg.qr(R, mode="r")), axis=1)
     return Solution(
         x=x,
         jacobian=whole,
@@ -494,19 +491,23 @@ def _solution(problem: _Problem, best: _Minimum) -> Solution:
         covariance=robust * T @ half @ half.T @ T.T,
         free=len(inside),
         weights=problem.loss.weights(r),
-        free_sd=free * np.sqrt(robust),
-        alone_sd=_alone(problem, whole @ reduction.T, z) * np.sqrt(robust),
+        free_sd=_sds(R, reduction.T) * np.sqrt(robust),
+        alone_sd=_sds(_alone(problem, whole @ reduction.T), reduction.T) * np.sqrt(robust),
         hat=whole @ (T @ half),
         robust=robust,
     )
 
 
-def _alone(problem: _Problem, J: Array, z: Array) -> Array:
-    """sd (p,) of the readings J (m, q) and of stated sds that count as such, with no weak hold; infinite in directions
-    that they do not tell, 0 of what is fixed."""
+def _alone(problem: _Problem, J: Array) -> Array:
+    """Rows of the readings J (m, q) and of stated sds that count as such, with no weak hold."""
     o, T = problem.observations, problem.reduction.T
     stated = [i for i, p in enumerate(o.parameters) if problem.priors and p.sd is not None and np.any(T[i])]
-    rows = np.vstack([J, *(T[i : i + 1] / (o.parameters[i].sd or 1.0) for i in stated)])
+    return np.vstack([J, *(T[i : i + 1] / (o.parameters[i].sd or 1.0) for i in stated)])
+
+
+def _sds(rows: Array, T: Array) -> Array:
+    """sd (p,) of parameters T z by whitened rows (m, q) of z; infinite in directions that they do not tell, 0 of what
+    is fixed."""
     size = np.linalg.norm(rows, axis=0)
     safe = np.where(size > 0.0, size, 1.0)
     _, values, V = np.linalg.svd(rows / safe, full_matrices=len(rows) < len(safe))

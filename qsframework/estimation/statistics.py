@@ -13,6 +13,7 @@ from qsframework.errors import InputError, NotConverged, NotIdentifiable, Proble
 from qsframework.estimation.noise import Scaled
 from qsframework.estimation.observations import Observations
 from qsframework.estimation.options import FitOptions
+from qsframework.estimation.projection import least_squares
 from qsframework.estimation.robust import Loss
 from qsframework.estimation.solver import Solution, solve
 from qsframework.estimation.tails import chi2_isf, f_isf
@@ -28,10 +29,7 @@ _TIED = 1e-13
 def propagated(solution: Solution, columns: Array) -> Array:
     """How far each estimate moves (p, k) where errors common to all readings, columns (m, k) whitened, act on them."""
     U = _free_directions(solution.covariance)
-    rows = solution.jacobian @ U
-    size = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
-    moved = np.asarray(np.linalg.lstsq(rows / size, columns, rcond=None)[0], dtype=np.float64)
-    return U @ (moved / size[:, None])
+    return U @ least_squares(solution.jacobian @ U, columns)
 
 
 def _free_directions(covariance: Array) -> Array:

@@ -21,7 +21,7 @@ from qsframework.experiment import Experiment, Frame, ObservationModel, ReadingR
 from qsframework.experiment.frames import motion_count, spans
 from qsframework.experiment.observations import start_values
 from qsframework.identify.fit import Found
-from qsframework.information.two_step import distinct_angles, step_two, stiffness_covariance
+from qsframework.information.two_step import distinct_angles, step_two, step_two_gain, stiffness_covariance
 from qsframework.plugin import (
     Actuator,
     Array,
@@ -204,7 +204,7 @@ class _StepOne:
             rows = np.stack([rows[:, 0], rows[:, 1] + s0 * rows[:, 2]], axis=1)
         found, second = step_two(rows, stiffness, spread, weighted)
         values, slope = _to_model(found)
-        gain = _gain(rows, spread, weighted)
+        gain = step_two_gain(rows, spread, weighted)
         cross = slope @ gain @ (-(stiffness**2)[:, None] * solution.covariance[part, :first])
         joint = np.block([[solution.covariance[:first, :first], cross.T], [cross, slope @ second @ slope.T]])
         names = [*(p.name for p in self.seen.parameters[: self.seen.motions]), *self.others, b.compliance, b.stiffness]
@@ -288,11 +288,3 @@ def _to_model(found: Array) -> tuple[Array, Array]:
         return np.array([1.0 / K2, Kc]), slope
     slope[2, 1] = -found[2] / Kc**2
     return np.array([1.0 / K2, Kc, found[2] / Kc]), slope
-
-
-def _gain(rows: Array, covariance: Array, weighted: bool) -> Array:
-    """d found / d stiffness (3, n) of step two."""
-    L = np.linalg.cholesky(covariance) if weighted else np.eye(len(rows))
-    A = np.linalg.solve(L, rows)
-    size: Array = np.linalg.norm(A, axis=0)
-    return np.linalg.lstsq(A / size, np.linalg.inv(L), rcond=None)[0] / size[:, None]

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from qsframework.estimation.projection import least_squares
 from qsframework.plugin import Array, Indices
 
 
@@ -42,29 +43,22 @@ def step_two_information(rows: Array, covariance: Array | None = None) -> Array:
     return white.T @ white
 
 
+def step_two_gain(rows: Array, covariance: Array, weighted: bool = True) -> Array:
+    """d K2, Kc, s0 Kc (3, n) / d stiffness: least squares of aggregated stiffnesses, weighted by their covariance."""
+    L = np.linalg.cholesky(covariance) if weighted else np.eye(len(rows))
+    return least_squares(np.linalg.solve(L, rows), np.linalg.inv(L))
+
+
 def step_two_covariance(rows: Array, covariance: Array, weighted: bool = True) -> Array:
     """Covariance (3, 3) of step two's result, where the stiffnesses have the covariance (n, n).
 
     weighted False: that of plain least squares of the same stiffnesses, never smaller.
     """
-    if weighted:
-        return _inverse(step_two_information(rows, covariance))
-    size: Array = np.linalg.norm(rows, axis=0)
-    gain = np.linalg.lstsq(rows / size, np.eye(len(rows)), rcond=None)[0] / size[:, None]
+    gain = step_two_gain(rows, covariance, weighted)
     return gain @ covariance @ gain.T
 
 
 def step_two(rows: Array, stiffness: Array, covariance: Array, weighted: bool = True) -> tuple[Array, Array]:
     """Solve (21): K2, Kc, s0 Kc (3,) and their covariance from aggregated stiffnesses (n,), N m/rad."""
-    L = np.linalg.cholesky(covariance) if weighted else np.eye(len(rows))
-    A = np.linalg.solve(L, rows)
-    size: Array = np.linalg.norm(A, axis=0)
-    values = np.linalg.lstsq(A / size, np.linalg.solve(L, stiffness), rcond=None)[0] / size
-    return values, step_two_covariance(rows, covariance, weighted)
-
-
-def _inverse(M: Array) -> Array:
-    """Inverse of a symmetric positive definite matrix, its size taken out first: K2 is 1e7 times s0."""
-    size = np.sqrt(np.diag(M))
-    inverse = np.linalg.inv(M / size / size[:, None]) / size / size[:, None]
-    return 0.5 * (inverse + inverse.T)
+    gain = step_two_gain(rows, covariance, weighted)
+    return gain @ stiffness, gain @ covariance @ gain.T

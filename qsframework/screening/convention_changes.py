@@ -10,6 +10,7 @@ import numpy as np
 
 from qsframework.elastostatics.so3 import cross_matrix, exponential
 from qsframework.errors import InputError
+from qsframework.estimation.projection import least_squares
 from qsframework.experiment import Experiment, Readings, as_shown, observation_model, on_robot
 from qsframework.plugin import Array, Indices, Poses
 from qsframework.plugin.registry import with_role
@@ -331,9 +332,7 @@ def aligned(experiment: Experiment, turned: Readings, given: Readings) -> Readin
         value = np.where(at[:, None], rows.measured @ rotation.T, rows.measured)
         turn = rows.flat(np.where(at[:, None, None], cross_matrix(np.nan_to_num(value)), 0.0))
         A = fit.noise.whiten(np.column_stack([turn, fit.slopes]))
-        size = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
-        target = fit.noise.whiten(rows.flat(value) - predicted)
-        z = np.asarray(np.linalg.lstsq(A / size, target, rcond=1e-9)[0], dtype=np.float64) / size
+        z = least_squares(A, fit.noise.whiten(rows.flat(value) - predicted), 1e-9)
         rotation = exponential(z[:3]) @ rotation
     wrong = turned.frame == turned.frames.index(TRACKER)
     return given.with_values(np.where(wrong[:, None], given.value @ rotation.T, given.value))

@@ -11,7 +11,7 @@ import numpy as np
 from qsframework.errors import NotIdentifiable
 from qsframework.estimation import LinearFit, Noise, left, orthonormal, rank_test, rms, scales
 from qsframework.estimation.linear_fit import Agreed, Beyond, Whitened, without_outliers
-from qsframework.estimation.projection import Flags
+from qsframework.estimation.projection import Flags, least_squares
 from qsframework.experiment import Experiment, Frame, ObservationModel, Readings, observation_model
 from qsframework.experiment.frames import motion_count
 from qsframework.experiment.observations import ReadingRows, start_values
@@ -143,9 +143,7 @@ def at_solution(experiment: Experiment, readings: Readings) -> float:
     for _ in range(_STEPS):
         predicted, J = seen.rates(z)
         errors = rows.noise.whiten(rows.scalars - predicted)
-        white = rows.noise.whiten(J * size)
-        length = np.maximum(np.linalg.norm(white, axis=0), 1e-300)
-        step = np.asarray(np.linalg.lstsq(white / length, errors, rcond=_WEAK)[0], dtype=np.float64) / length * size
+        step = size * least_squares(rows.noise.whiten(J * size), errors, _WEAK)
         before = float(np.linalg.norm(errors))
         for share in _SHARES:
             there = np.clip(z + share * step, low, high)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from qsframework.estimation import LinearFit
+from qsframework.estimation.projection import least_squares
 from qsframework.experiment import observation_model
 from qsframework.plugin import Array, Indices
 from qsframework.plugin.build import build_effects
@@ -80,8 +81,7 @@ def marker_constant(fit: Linearized) -> Constant | None:
 def _fall(fit: LinearFit, columns: Array) -> tuple[float, Array]:
     """By how much the sum of squares falls with further columns (m, k), and their coefficients (k,)."""
     beside = fit.given(columns)
-    size = np.maximum(np.linalg.norm(beside, axis=0), 1e-300)
-    x = np.asarray(np.linalg.lstsq(beside / size, fit.white, rcond=1e-6)[0], dtype=np.float64) / size
+    x = least_squares(beside, fit.white, 1e-6)
     return float(fit.white @ (beside @ x)), x
 
 

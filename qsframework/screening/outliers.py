@@ -14,7 +14,7 @@ import numpy as np
 from qsframework.errors import InputError, QsfError
 from qsframework.estimation import LinearFit
 from qsframework.estimation.linear_fit import Agreed
-from qsframework.estimation.projection import Flags
+from qsframework.estimation.projection import Flags, least_squares
 from qsframework.experiment import Experiment, ObservationModel, Readings, observation_model
 from qsframework.plugin import Array, Effect, Indices
 from qsframework.plugin.build import build_effects
@@ -95,9 +95,7 @@ def _angle_errors(seen: ObservationModel, gross: Flags) -> float | None:
     predicted, J = rows.rates(seen.model, seen.x, frames, seen.names, linear=True)
     kept = np.flatnonzero(~gross)
     A = rows.take(kept).flat(J[kept])
-    size = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
-    target = rows.take(kept).flat((rows.measured - predicted)[kept])
-    x = np.asarray(np.linalg.lstsq(A / size, target, rcond=1e-8)[0], dtype=np.float64) / size
+    x = least_squares(A, rows.take(kept).flat((rows.measured - predicted)[kept]), 1e-8)
     error: Array = rows.measured[bad] - predicted[bad] - J[bad] @ x
     columns = J[bad][:, :, [seen.motions + seen.names.index(n) for n in offsets]]
     S = columns @ columns.transpose(0, 2, 1)
