@@ -18,6 +18,7 @@ from qsframework.diagnose.linearization.generic_blocks import generic_blocks, mo
 from qsframework.diagnose.residuals.audited_rows import (
     bic,
     far_from_linear,
+    find_outliers,
     in_noise,
     library_basis,
     lone_visits,
@@ -27,7 +28,6 @@ from qsframework.diagnose.residuals.audited_rows import (
     split_told,
     visit_noise,
 )
-from qsframework.diagnose.residuals.gross_rows import find_outliers
 from qsframework.diagnose.residuals.noise_components import NoiseAudit, audit_noise, visible
 from qsframework.diagnose.result import (
     Diagnosis,

@@ -9,13 +9,7 @@ import numpy as np
 
 from qsframework.diagnose.linearization.columns import Case
 from qsframework.diagnose.result import Diagnosis
-from qsframework.estimation.projection import left as take_out, solved
 from qsframework.plugin import Array
-
-_TOLD = 1e-10
-"""Share of the largest singular value below which readings do not tell a direction."""
-_CARRIED = 1e-8
-"""Share of a direction that other poses carry, below which the fit without a pose is made anew."""
 
 
 @dataclass(frozen=True)
@@ -52,36 +46,8 @@ def linear_errors(case: Case, causes: Sequence[int], residuals: Array) -> tuple[
 
     residuals (R, 3) m of the baseline
     """
-    first = case.motions + len(case.fitted)
-    ends = np.cumsum([first, *(len(c.parameters) for c in case.causes)])
-    raw = [case.raw[:, :first], *(case.raw[:, ends[i] : ends[i + 1]] for i in causes)]
-    white = np.concatenate([case.A, *(case.B[i] for i in causes)], axis=1)
-    plain, left = np.concatenate(raw, axis=1), residuals.ravel()
-    held = np.zeros((len(case.held), white.shape[1]))
-    held[:, : len(case.held)] = np.diag(case.held)
-    held = held[case.held > 0.0]
-    both, target = np.vstack([white, held]), np.concatenate([case.residuals, np.zeros(len(held))])
-    size: Array = np.maximum(np.linalg.norm(both, axis=0), 1e-300)
-    U, values, V = np.linalg.svd(both / size, full_matrices=False)
-    told = values > _TOLD * values[0]
-    U, back = U[:, told], (V[told].T / values[told]) / size[:, None]
-    x = back @ (U.T @ target)
-    rest = take_out(U, target)
-    out = np.zeros_like(left)
-    for pose in np.unique(case.pose):
-        test = np.flatnonzero(case.pose == pose)
-        ((_, carried, error),) = solved(U, test[None], rest, _CARRIED)
-        if carried[0]:
-            without = x - back @ (U[test].T @ error[0])
-        else:
-            others = np.setdiff1d(np.arange(len(target)), test)
-            without = _solve(both[others], target[others])
-        out[test] = left[test] - plain[test] @ without
-    whole = left - plain @ x
-    here, unseen = (float(np.sqrt(np.sum(e**2) / case.count)) for e in (whole, out))
-    return here, unseen, case.noise.whiten(out)
-
-
-def _solve(columns: Array, target: Array) -> Array:
-    size: Array = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    return np.linalg.lstsq(columns / size, target, rcond=_TOLD)[0] / size
+    columns = case.beside(causes)
+    drawn = case.noise.whiten(residuals.ravel()) - case.residuals  # by how much large ones were drawn in
+    errors = case.left_of(columns) + drawn, case.held_out_errors(columns, case.pose) + drawn
+    here, unseen = (float(np.sqrt(np.sum(case.noise.colour(e) ** 2) / case.count)) for e in errors)
+    return here, unseen, errors[1]

@@ -63,8 +63,12 @@ class LinearFit:
     @classmethod
     def of(cls, columns: Array, readings: Array, noise: Noise, stated: bool = True) -> LinearFit:
         """The least squares fit of columns (m, p), of any sizes, to readings (m,)."""
-        Q = orthonormal(noise.whiten(columns))
-        return cls(Q, left(Q, noise.whiten(readings)), noise, stated)
+        return replace(cls.onto(orthonormal(noise.whiten(columns)), noise.whiten(readings)), noise=noise, stated=stated)
+
+    @classmethod
+    def onto(cls, Q: Array, white: Array, used: Flags | None = None) -> LinearFit:
+        """The fit of orthonormal columns (m, f) to whitened readings, m in all; used (m,): None: all."""
+        return cls(Q, left(Q, white.ravel()), used=None if used is None else used.ravel())
 
     @property
     def dof(self) -> int:

@@ -66,12 +66,23 @@ def solved(
 
     Yields parts of the blocks: which, told (b,), and the solutions (b, s), zero where they are not told.
     """
-    step = max(1, _AT_ONCE // (8 * at.shape[1] * max(at.shape[1], Q.shape[1])))
+    size, columns = at.shape[1], Q.shape[1]
+    step = max(1, _AT_ONCE // (8 * size * max(size, columns)))
     for start in range(0, len(at), step):
         part = slice(start, min(start + step, len(at)))
-        q, v = Q[at[part]], values[at[part]]
-        rest = np.eye(at.shape[1]) - q @ q.transpose(0, 2, 1)
-        told = np.ones(len(q), dtype=bool) if carried is None else np.linalg.eigvalsh(rest)[:, 0] > carried
+        q, v = Q[at[part]], values[at[part]][..., None]
+        back = q.transpose(0, 2, 1)
+        rest = np.eye(min(size, columns)) - (
+            q @ back if size <= columns else back @ q
+        )  # of either, the same directions
+        told = (
+            np.ones(len(q), dtype=bool)
+            if carried is None
+            else np.linalg.eigvalsh(rest).min(axis=1, initial=1.0) > carried
+        )
         out = np.zeros(v.shape)
-        out[told] = np.linalg.solve(rest[told], v[told][..., None])[..., 0]
-        yield part, told, out
+        if size <= columns:
+            out[told] = np.linalg.solve(rest[told], v[told])
+        else:
+            out[told] = v[told] + q[told] @ np.linalg.solve(rest[told], back[told] @ v[told])
+        yield part, told, out[..., 0]

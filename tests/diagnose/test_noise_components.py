@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from qsframework.diagnose.residuals.gross_rows import beside, find_outliers
+from qsframework.diagnose.residuals.audited_rows import find_outliers
 from qsframework.diagnose.residuals.noise_components import (
     FEWEST,
     NoiseAudit,
@@ -17,7 +17,7 @@ from qsframework.diagnose.residuals.noise_components import (
     replicate_basis,
     visible,
 )
-from qsframework.estimation import Independent, orthonormal, shared_error
+from qsframework.estimation import Independent, LinearFit, orthonormal, shared_error
 from qsframework.plugin import Array, Indices
 from qsframework.report.words.noise import audit_words
 
@@ -55,7 +55,7 @@ def audit(errors: Array, replicate: Array | None = None, stated: bool = True, li
     out = outliers(white, Q) if white.size - Q.shape[1] >= FEWEST else np.zeros(0, dtype=np.intp)
     keep, sigma = np.setdiff1d(np.arange(ROWS), out), np.full(ROWS, SIGMA)
     own = Q if len(keep) == ROWS else orthonormal(Q.reshape(ROWS, 3, -1)[keep].reshape(3 * len(keep), -1))
-    size = estimate(beside(white[keep], own), sigma[keep], MEASUREMENT[keep], "residuals", 0.01)
+    size = estimate(LinearFit.onto(own, white[keep]), sigma[keep], MEASUREMENT[keep], "residuals", 0.01)
     return audit_noise(
         white[keep],
         library[keep],
@@ -197,7 +197,7 @@ def test_lack_against_replicates_is_uniform() -> None:
     rng, one = np.random.default_rng(10), np.full(ROWS, SIGMA)
     noise = Independent(np.full(3 * ROWS, SIGMA))
     drawn = [normal(rng) for _ in range(200)]
-    p = [lack_p_value(white, beside(white, Q), beside(white, own), noise, one) for white in drawn]
+    p = [lack_p_value(white, LinearFit.onto(Q, white), LinearFit.onto(own, white), noise, one) for white in drawn]
     assert kstest(p, "uniform").pvalue > 1e-3
 
 
@@ -250,4 +250,4 @@ def test_a_library_that_takes_all_readings_has_no_lack_of_fit() -> None:
     noise, one = Independent(np.full(3 * ROWS, SIGMA)), np.full(ROWS, SIGMA)
     white = normal(np.random.default_rng(14))
     own = replicate_basis(replicate.astype(np.intp))
-    assert np.isnan(lack_p_value(white, beside(white, everything), beside(white, own), noise, one))
+    assert np.isnan(lack_p_value(white, LinearFit.onto(everything, white), LinearFit.onto(own, white), noise, one))

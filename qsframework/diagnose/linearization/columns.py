@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
 from qsframework.diagnose.linearization.candidates import REACH, Cause, groups_of, widened
 from qsframework.elastostatics import Model
-from qsframework.estimation import Noise, left, scales
+from qsframework.estimation import LinearFit, Noise, left, orthonormal, scales
+from qsframework.estimation.projection import least_squares
 from qsframework.experiment import Experiment, Frame, Plan, make_rows
 from qsframework.experiment.frames import motion_count
 from qsframework.experiment.observations import ReadingRows
@@ -23,6 +25,10 @@ VISIBLE = 4.0
 """s that a cause must reach at REACH times its typical size to be looked for."""
 _DIRECTION = 1.0
 """s that one direction of a cause with several parameters must reach there to count."""
+_TOLD = 1e-10
+"""Share of the largest singular value below which readings do not tell a direction."""
+_CARRIED = 1e-8
+"""Share of a direction that other poses carry, below which the fit without a pose is made anew."""
 _ABSORBED = 1e-6
 """Share of a column that must remain beside the fitted ones, else rounding is all that is left of it."""
 
@@ -96,18 +102,49 @@ class Case:
         """Coordinates that were measured."""
         return int(np.count_nonzero(np.any(self.A != 0.0, axis=1) | (self.residuals != 0.0)))
 
+    @cached_property
+    def fit(self) -> LinearFit:
+        """What is fitted, and what it leaves of the residuals."""
+        return LinearFit.onto(np.linalg.qr(self.A)[0], self.residuals)
+
+    def held_out_errors(self, columns: Array, label: Indices) -> Array:
+        """Whitened errors (m,) of blocks of coordinates, by label, after a fit of columns (m, p) to all others, NaN of
+        label -1. What is fitted stands first: it is held weakly to the fit of all, or to what a prior draws it to."""
+        A, y = self._with_holds(columns)
+        blocks = np.concatenate([label, np.full(len(A) - len(label), -1)])
+        out = LinearFit.onto(orthonormal(A), y).held_out_errors(blocks, _CARRIED)[: len(label)]
+        for alone in np.unique(label[(label >= 0) & np.isnan(out)]).tolist():
+            others = blocks != alone
+            out[label == alone] = (y - A @ least_squares(A[others], y[others], _TOLD))[~others]
+        return out
+
+    def beside(self, causes: Sequence[int]) -> Array:
+        """The columns of what is fitted, and of some causes, whitened."""
+        return np.concatenate([self.A, *(self.B[i] for i in causes)], axis=1)
+
+    def left_of(self, columns: Array) -> Array:
+        """What a fit of columns (m, p), held likewise, leaves (m,) of the residuals."""
+        A, y = self._with_holds(columns)
+        return left(orthonormal(A), y)[: len(self.residuals)]
+
+    def _with_holds(self, columns: Array) -> tuple[Array, Array]:
+        """Columns and residuals with the holds below, as readings."""
+        kept = self.held > 0.0
+        held = self.held[:, None] * np.eye(len(self.held), columns.shape[1])
+        aim = self.held * (np.zeros(len(self.held)) if self.aim is None else self.aim)
+        return np.vstack([columns, held[kept]]), np.concatenate([self.residuals, aim[kept]])
+
     def subspaces(self) -> tuple[Subspace, ...]:
         """One for each cause; without a direction where the cause is invisible in this protocol."""
         return self.subspaces_of(range(len(self.causes)))
 
     def subspaces_of(self, index: Sequence[int]) -> tuple[Subspace, ...]:
         """The subspaces of some causes, by position."""
-        Q, R = np.linalg.qr(self.A)
-        back = np.linalg.solve(R, Q.T)
-        return tuple(self._subspace(self.causes[i], self.B[i], Q, back) for i in index)
+        back = np.asarray(np.linalg.solve(self.fit.Q.T @ self.A, self.fit.Q.T), dtype=np.float64)
+        return tuple(self._subspace(self.causes[i], self.B[i], back) for i in index)
 
-    def _subspace(self, cause: Cause, columns: Array, Q: Array, back: Array) -> Subspace:
-        U, values, V = np.linalg.svd(left(Q, columns), full_matrices=False)
+    def _subspace(self, cause: Cause, columns: Array, back: Array) -> Subspace:
+        U, values, V = np.linalg.svd(self.fit.given(columns), full_matrices=False)
         size = float(np.linalg.norm(columns, axis=0).max(initial=0.0))
         reach = REACH * self.grown * float(values[0]) if len(values) else 0.0
         seen = (values * REACH * self.grown >= _DIRECTION) & (values > _ABSORBED * size) & (reach >= VISIBLE)

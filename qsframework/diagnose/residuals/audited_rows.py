@@ -1,4 +1,4 @@
-"""Rows and the noises that they may have, replicates, and the lack of fit of a fitted model."""
+"""Rows and the noises that they may have, those that do not belong, replicates, and the lack of fit of a model."""
 
 from __future__ import annotations
 
@@ -11,8 +11,10 @@ from qsframework.diagnose.residuals.lack_of_fit import LackOfFit, arm_axes, lack
 from qsframework.diagnose.residuals.noise_components import FEWEST, pure_dof, replicate_basis, visible
 from qsframework.diagnose.selection.exact_refit import SettledFit
 from qsframework.errors import NotIdentifiable
-from qsframework.estimation import LinearFit, left
-from qsframework.estimation.tails import f_sf
+from qsframework.estimation import LinearFit
+from qsframework.estimation.linear_fit import Whitened, without_outliers
+from qsframework.estimation.projection import Flags
+from qsframework.estimation.tails import chi2_isf, chi2_sf, f_sf
 from qsframework.estimation.visit_noise import RHOS, VisitNoise
 from qsframework.experiment import Experiment, ObservationModel, Readings
 from qsframework.experiment.observations import ReadingRows
@@ -22,6 +24,10 @@ from qsframework.plugin import Array, Indices
 _MOST_REPEATS = 1500
 _FAR = 1e-6
 """Chance of so little below which an exact fit proves the linear library wrong."""
+_START = 0.01
+"""Level at which rows are set aside before the proper test takes them back."""
+_HELD = 1e-6
+"""1 / sd by which all columns are held, in sds: a row that alone tells one takes all of it, in the fit or out of it."""
 
 
 def replicates(readings: Readings, rows: ReadingRows) -> Indices:
@@ -56,6 +62,40 @@ def split_told(seen: ObservationModel) -> tuple[tuple[str, ...], tuple[str, ...]
             "values"
         )
     return tuple(told), tuple(n for n in seen.names if n not in told)
+
+
+def find_outliers(white: Array, columns: Array, level: float, mask: Flags) -> Indices:
+    """Rows (sorted) of white (R, 3) that do not belong beside columns (3 R, q), at a family-wise level; their noise
+    may have any size. mask (R, 3): what was measured.
+
+    Each is judged by the exact F test of its coordinates against the rows that belong.
+    """
+    at: Indices = np.flatnonzero(mask)
+    row: Indices = at // 3
+    axes: Indices = np.maximum(np.bincount(row, minlength=len(white)), 1)
+    given = Whitened(columns[at], white.ravel()[at], held=_HELD * np.ones(columns.shape[1]))
+    enough = len(at) - columns.shape[1] >= max(len(at) // 3, 6)
+    most = max(1, len(white) // 4)
+
+    def beyond(misfit: Array, wrong: Flags, fit: LinearFit | None) -> Flags:
+        if fit is None:
+            usual = float(np.median(misfit / chi2_isf(0.5, axes)))
+            p = chi2_sf(misfit / max(usual, 1e-300), axes) if enough else np.ones(len(misfit))
+            return _worst(p < _START, p, most)
+        free = np.where(wrong, fit.dof, np.maximum(fit.dof - axes, 1))
+        rest = np.where(wrong, fit.chi2, fit.chi2 - misfit) / free
+        p = f_sf(misfit / axes / np.maximum(rest, 1e-300), axes, free)
+        back = wrong & (p * len(p) >= level)
+        if back.any():  # the mildest half of them: one that comes back too early hides others
+            return wrong & ~(back & (p >= np.median(p[back])))
+        return _worst(p * len(p) < level, p, most)
+
+    return np.flatnonzero(without_outliers(lambda _: given, row, len(white), beyond).wrong)
+
+
+def _worst(out: Flags, p: Array, most: int) -> Flags:
+    """Of some rows (R,) those with the least p, at most so many."""
+    return np.asarray(out & (p <= np.sort(p)[most - 1]), dtype=np.bool_)
 
 
 def visit_noise(rows: ReadingRows) -> VisitNoise:
@@ -128,12 +168,11 @@ def far_from_linear(case: Case, fit: SettledFit) -> bool:
 
     Where both leave noise, what the fit leaves more, per parameter that it has less, follows an F distribution.
     """
-    Q = library_basis(case)
-    square, dof = LinearFit(Q, left(Q, case.residuals)).chi2, case.count - Q.shape[1]
-    more = Q.shape[1] - fit.jacobian.shape[1]
+    library = LinearFit.onto(library_basis(case), case.residuals)
+    dof, more = case.count - library.Q.shape[1], library.Q.shape[1] - fit.jacobian.shape[1]
     if dof < 1 or more < 1:
         return False
-    ratio = float((fit.chi2 - square) / more * dof / square)
+    ratio = float((fit.chi2 - library.chi2) / more * dof / library.chi2)
     return 1.0 - float(f_sf(ratio, more, dof)) < _FAR
 
 

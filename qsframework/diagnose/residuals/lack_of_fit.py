@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.diagnose.residuals.gross_rows import beside
 from qsframework.diagnose.residuals.noise_components import pure_dof, replicate_basis
 from qsframework.estimation import LinearFit, orthonormal
 from qsframework.estimation.projection import Flags
@@ -75,7 +74,7 @@ def lack_of_fit(
     residuals; shapes (R, 3, d): vector fields that a smooth function of a variable may multiply, by default the
     three axes of the base; mask (R, 3): what was measured, None: all
     """
-    fit = beside(white, orthonormal(columns.reshape(white.size, -1)), mask)
+    fit = LinearFit.onto(orthonormal(columns.reshape(white.size, -1)), white, mask)
     p_chi2 = _chi2(fit.chi2, fit.dof) if known else np.nan
     p_replicates, free = _replicates(fit, replicate, mask)
     shapes = np.broadcast_to(np.eye(3), (*white.shape, 3)) if shapes is None else shapes
@@ -92,7 +91,7 @@ def _replicates(fit: LinearFit, replicate: Indices, mask: Flags | None) -> tuple
     free = pure_dof(replicate, mask)
     if free <= 0 or fit.dof <= free:
         return np.nan, free
-    pure = beside(fit.white, replicate_basis(replicate, mask), mask)
+    pure = LinearFit.onto(replicate_basis(replicate, mask), fit.white, mask)
     lack, dof = fit.chi2 - pure.chi2, fit.dof - pure.dof
     return float(f_sf(max(lack, 0.0) / dof / (pure.chi2 / pure.dof), dof, pure.dof)), pure.dof
 
@@ -102,7 +101,7 @@ def _trends(
 ) -> tuple[Trend, ...]:
     """Residuals regressed on each variable, its columns taken beside the fit and beside the shapes themselves."""
     constant = shapes.reshape(len(fit.white), -1)
-    around = beside(fit.white, orthonormal(np.hstack([fit.Q, constant])), mask)
+    around = LinearFit.onto(orthonormal(np.hstack([fit.Q, constant])), fit.white, mask)
     inside, total = around.white, around.chi2
     found: list[tuple[str, float, float, int]] = []
     for name, values in variables.items():

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from qsframework.diagnose.residuals.gross_rows import beside, heavy_tails
 from qsframework.estimation import LinearFit, Noise, grouped
 from qsframework.estimation.projection import Flags
 from qsframework.estimation.tails import chi2_cdf, chi2_sf, f_sf
@@ -19,6 +18,7 @@ from qsframework.plugin import Array, Indices
 
 REACH = 10.0
 """Columns are per typical size; a direction that not even ten of these lift above the noise needs no number."""
+_DRAWS = 1000
 FEWEST = 10
 """Degrees of freedom below which nothing is said about the noise."""
 
@@ -91,7 +91,7 @@ def audit_noise(
     noise that was told beside the model; outliers: rows that were left out before; level: of each alarm; mask (R, 3):
     what was measured, None: all
     """
-    fit = beside(white, visible(columns), mask)
+    fit = LinearFit.onto(visible(columns), white, mask)
     heavy = heavy_tails(white, fit) if fit.dof >= FEWEST else np.nan
     size, p_missing = _size(white, fit, sigma, measurement, replicate, level, mask)
     p_unit = _two_sided(size) if stated and size.dof else np.nan
@@ -186,7 +186,7 @@ def _size(
     fromlibrary = estimate(fit, sigma, measurement, "residuals", level)
     if pure_dof(replicate, mask) < FEWEST:
         return (fromlibrary if fit.dof >= FEWEST else replace(fromlibrary, square=0.0, dof=0)), np.nan
-    pure = beside(white, replicate_basis(replicate, mask), mask)
+    pure = LinearFit.onto(replicate_basis(replicate, mask), white, mask)
     repeats = estimate(pure, sigma, measurement, "replicates", level)
     p = lack_p_value(white, fit, pure, _noise(sigma, repeats.shared, measurement), sigma)
     return (fromlibrary if p >= level else repeats), p
@@ -200,6 +200,22 @@ def lack_p_value(white: Array, fit: LinearFit, pure: LinearFit, noise: Noise, si
     if dof <= 0:
         return np.nan
     return float(f_sf(max(here.chi2 - there.chi2, 0.0) / dof / (there.chi2 / free), dof, free))
+
+
+def heavy_tails(white: Array, fit: LinearFit, seed: int = 0) -> float:
+    """p-value of normal errors from the fourth power of what a fit leaves of them, by simulation of the same."""
+    share = np.maximum(1.0 - np.einsum("ij,ij->i", fit.Q, fit.Q), 0.0)
+    told = share > 0.05
+    if fit.used is not None:
+        told &= fit.used
+
+    def kurtosis(flat: Array) -> Array:
+        square = np.square((flat - fit.Q @ (fit.Q.T @ flat))[told]) / share[told][:, None]
+        return np.mean(np.square(square), axis=0) / np.mean(square, axis=0) ** 2
+
+    found = float(kurtosis(white.reshape(-1, 1))[0])
+    drawn = kurtosis(np.random.default_rng(seed).standard_normal((white.size, _DRAWS)))
+    return float((1 + np.sum(drawn >= found)) / (1 + _DRAWS))
 
 
 def _two_sided(size: NoiseSize) -> float:

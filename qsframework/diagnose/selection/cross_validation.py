@@ -103,15 +103,13 @@ def held_out(
     same: list[bool] = []
     for n, test in enumerate(folds(case.pose, seed, repeats)):
         at = n // FOLDS if rounds > 1 else 0
-        train = np.setdiff1d(np.arange(len(case.pose)), test)
-        identified[at, test] = _errors(case.A, case, train, test)
-        chosen = tuple(members) if how is None else _choose(case, train, how)
+        fold = np.full(len(case.pose), -1)
+        fold[test] = 0
+        identified[at, test] = case.held_out_errors(case.A, fold)[test]
+        chosen = tuple(members) if how is None else _choose(case, np.flatnonzero(fold < 0), how)
         again = _matches(chosen, alike)
-        if closing is not None and again:
-            extended[at, test] = _errors(closing.A, closing, train, test)
-        else:
-            columns = np.concatenate([case.A, *(case.B[i] for i in chosen)], axis=1)
-            extended[at, test] = _errors(columns, case, train, test)
+        of, columns = (closing, closing.A) if closing is not None and again else (case, case.beside(chosen))
+        extended[at, test] = of.held_out_errors(columns, fold)[test]
         same.append(again)
     gain = 1.0 - float(np.linalg.norm(extended) / max(np.linalg.norm(identified), 1e-300))
     poses, cut = len(np.unique(case.pose)), 0 if len(np.unique(case.pose)) <= LEAVE_ONE_OUT else repeats
@@ -144,20 +142,6 @@ def _matches(chosen: Sequence[int], alike: Sequence[set[int]]) -> bool:
             return False
         left.remove(hit)
     return not left
-
-
-def _errors(columns: Array, case: Case, train: Indices, test: Indices) -> Array:
-    """Whitened errors of the test scalars after a fit to the others, held weakly to the fit of all, and what a prior
-    draws towards zero to zero."""
-    residuals = case.residuals
-    held = np.zeros((len(case.held), columns.shape[1]))
-    held[:, : len(case.held)] = np.diag(case.held)
-    aim = np.zeros(len(case.held)) if case.aim is None else case.held * case.aim
-    held, aim = held[case.held > 0.0], aim[case.held > 0.0]
-    A = np.vstack([columns[train], held])
-    size: Array = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
-    x = np.linalg.lstsq(A / size, np.concatenate([residuals[train], aim]), rcond=1e-10)[0]
-    return residuals[test] - (columns[test] / size) @ x
 
 
 def _choose(case: Case, train: Indices, how: Search) -> tuple[int, ...]:

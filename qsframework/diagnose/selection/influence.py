@@ -9,7 +9,7 @@ import numpy as np
 
 from qsframework.diagnose.linearization.columns import Case, Subspace
 from qsframework.diagnose.selection.search import Subset
-from qsframework.estimation import left
+from qsframework.estimation import LinearFit
 from qsframework.estimation.projection import solved
 from qsframework.plugin import Array, Indices
 
@@ -61,14 +61,11 @@ def _pose_blocks(pose: Indices) -> tuple[Indices, int]:
 
 def _squares_without(case: Case, columns: Array, blocks: Indices, index: Indices, same: Array) -> Array:
     """Squares left by a fit to all poses but two (D,): RSS - r' (I - H)^-1 r over the deleted rows."""
-    Q, _ = np.linalg.qr(np.concatenate([case.A, columns], axis=1))
-    r = left(Q, case.residuals)
-    total = float(r @ r)
-    Q = np.concatenate([Q, np.zeros((1, Q.shape[1]))])
-    r = np.append(r, 0.0)
+    fit = LinearFit.onto(np.linalg.qr(np.concatenate([case.A, columns], axis=1))[0], case.residuals)
+    Q, r = np.pad(fit.Q, ((0, 1), (0, 0))), np.append(fit.white, 0.0)
     second = np.where(same[:, None], len(r) - 1, blocks[index[:, 1]])
     at = np.concatenate([blocks[index[:, 0]], second], axis=1)
     out = np.empty(len(at))
     for part, _, error in solved(Q * (1.0 - _RIDGE), at, r, None):
-        out[part] = total - np.einsum("di,di->d", r[at[part]], error)
+        out[part] = fit.chi2 - np.einsum("di,di->d", r[at[part]], error)
     return out

@@ -15,7 +15,6 @@ from qsframework.diagnose.selection.family_test import FamilyBlock, Scores, log_
 from qsframework.diagnose.selection.principal_angles import alias_classes
 from qsframework.diagnose.selection.search import LARGEST, Bounds, Gram, Subset, make_gram, search
 from qsframework.errors import NotConverged, NotIdentifiable
-from qsframework.estimation import left
 from qsframework.experiment.observations import ReadingRows
 from qsframework.plugin import InputError
 
@@ -81,9 +80,8 @@ def make_library(
     case: Case, baseline: SettledFit, nu: float, subspaces: tuple[Subspace, ...], scores: Scores
 ) -> Library:
     """The Gram matrix and the alias classes of all causes. nu: degrees of freedom of the noise's unit."""
-    residuals = left(np.linalg.qr(case.A)[0], case.residuals)
     bounds = _bounds(case, baseline)
-    gram = make_gram(subspaces, residuals, bounds)
+    gram = make_gram(subspaces, case.fit.white, bounds)
     classes = tuple(c for c in alias_classes(subspaces) if subspaces[c[0]].visible)
     return Library(case=case, subspaces=subspaces, gram=gram, scores=scores, classes=classes, bounds=bounds, nu=nu)
 
