@@ -19,6 +19,7 @@ from qsframework.diagnose.selection.cross_validation import parts_of_poses, stan
 from qsframework.diagnose.selection.evidence import DRAWS, TAUS, prior_of
 from qsframework.elastostatics import Model
 from qsframework.estimation.projection import left
+from qsframework.estimation.variance_component import with_variance
 from qsframework.estimation.visit_noise import Reml
 from qsframework.experiment.observations import ReadingRows
 from qsframework.plugin import (
@@ -108,12 +109,11 @@ def _blup(Z: Array, rest: Array, whole: Array) -> tuple[float, Array]:
     U, size, V = np.linalg.svd(Z, full_matrices=False)
     seen = size > 1e-3 * max(float(size[0]), 1e-300)
     c, lam = U[:, seen].T @ rest, np.square(size[seen] / size[0])
-    grown = np.square(TAUS)[:, None] * lam
     free, total = len(rest) - len(lam), float(rest @ rest)
-    left = total - (np.square(c) * grown / (1.0 + grown)).sum(axis=1)
-    e = 0.5 * (free * np.log(total / np.maximum(left, 1e-12 * total)) - np.log1p(grown).sum(axis=1))
+    e = -0.5 * free * np.log(with_variance(lam, np.square(c)[:, None], total, np.square(TAUS), free)[:, 0] / total)
     best = int(np.argmax(e))
-    weights = V[seen].T @ (c * grown[best] / (1.0 + grown[best]) / size[seen])
+    grown = TAUS[best] ** 2 * lam
+    weights = V[seen].T @ (c * grown / (1.0 + grown) / size[seen])
     return float(e[best]), np.asarray(whole @ weights)
 
 

@@ -5,7 +5,6 @@ from .noise import (
     Scaled as Scaled,
     grouped as grouped,
     rounding as rounding,
-    shared_error as shared_error,
 )
 from .observations import Observations as Observations, scales as scales
 from .options import METHODS as METHODS, PLAIN as PLAIN, FitOptions as FitOptions
@@ -18,3 +17,4 @@ from .statistics import (
     propagated as propagated,
     rms as rms,
 )
+from .visit_noise import shared_error as shared_error

@@ -1,4 +1,4 @@
-"""The noise of readings: errors of their own, errors that groups of them share, and how large these are (REML)."""
+"""The noise of readings: errors of their own, and errors that groups of them share."""
 
 from __future__ import annotations
 
@@ -9,13 +9,10 @@ from typing import Protocol
 import numpy as np
 
 from qsframework.errors import InputError
-from qsframework.estimation.tails import chi2_sf
 from qsframework.plugin import Array, Indices
 
 Group = tuple[Indices, Array]
 """An error that readings share: label (m,) of the group each belongs to, -1 for none, and its sd (m,) in each."""
-_LARGEST = 1e3
-"""Largest shared sd that is looked for, in sds of a reading's own error."""
 
 
 class Noise(Protocol):
@@ -194,61 +191,3 @@ def connected(count: int, groups: Sequence[Group]) -> Indices:
     ends = np.concatenate(i), np.concatenate(j)
     graph = coo_array((np.ones(len(ends[0])), ends), shape=(count, count))
     return connected_components(graph, directed=False)[1].astype(np.intp)
-
-
-@dataclass(frozen=True, eq=False)
-class SharedError:
-    """The error that the markers of a pose share: its sd in m, and the noise with it.
-
-    unit: factor on the readings' own sigma, 1 where that is stated; p_value: probability that readings
-    without a shared error look like this
-    """
-
-    sd: float
-    unit: float
-    p_value: float
-    noise: Noise
-
-
-def shared_error(
-    residuals: Array, jacobian: Array, sigma: Array, label: Indices, stated: bool = True, others: Sequence[Group] = ()
-) -> SharedError:
-    """The sd of the error that readings of one label share, by restricted maximum likelihood (REML).
-
-    residuals (m,) and jacobian (m, p) of a fit that has settled, not whitened; sigma (m,) the readings' own sd, up to
-    a factor unless `stated`; others: errors that they share besides, known as sigma is. The test is the likelihood
-    ratio on its boundary, where half of the cases without a shared error give an estimate of zero.
-    """
-    from scipy.optimize import minimize_scalar
-
-    typical = float(np.sqrt(np.mean(sigma**2)))
-    size = np.linalg.norm(jacobian / sigma[:, None], axis=0)
-    A = jacobian / np.where(size > 0, size, 1.0)
-
-    def noise(ratio: float) -> Noise:
-        return grouped(sigma, [*others, (label, np.full(len(sigma), ratio * typical))])
-
-    def deviance(ratio: float) -> tuple[float, float]:
-        """-2 log restricted likelihood, up to a constant, and the variance of unit weight."""
-        V = noise(ratio)
-        Q, R = np.linalg.qr(V.whiten(A))
-        r = V.whiten(residuals)
-        square = max(float(r @ r - np.square(Q.T @ r).sum()), 1e-300)  # exact readings leave nothing
-        free = len(r) - A.shape[1]
-        both = V.log_det() + 2.0 * float(np.log(np.abs(np.diag(R))).sum())
-        return (square + both, 1.0) if stated else (free * np.log(square / free) + both, square / free)
-
-    found = minimize_scalar(
-        lambda t: deviance(float(np.exp(t)))[0],
-        bounds=(np.log(1e-3), np.log(_LARGEST)),
-        method="bounded",
-        options={"xatol": 1e-6},
-    )
-    ratio = float(np.exp(found.x))
-    gain = deviance(0.0)[0] - deviance(ratio)[0]
-    if gain <= 0.0:
-        ratio, gain = 0.0, 0.0
-    unit = float(np.sqrt(deviance(ratio)[1]))
-    return SharedError(
-        ratio * typical * unit, unit, 1.0 if gain == 0.0 else 0.5 * float(chi2_sf(gain, 1)), noise(ratio)
-    )

@@ -36,6 +36,18 @@ class VarianceComponent:
     directions: int
 
 
+def with_variance(lam: Array, square: Array, total: Array | float, variances: Array, free: float) -> Array:
+    """exp(-2 log L / free) (..., T, n) of readings with coefficients of these variances (T,), in units of the readings'
+    own: what these leave of the squares, and the price of their directions, as factors.
+
+    lam (..., d): squares of the columns' directions beside the fit; square (..., d, n): of n readings along unit
+    directions; total: squares that the fit leaves; free: its degrees of freedom
+    """
+    grown = variances[:, None] * lam[..., None, :]
+    left = np.maximum(total - (grown / (1.0 + grown)) @ square, np.maximum(1e-12 * total, 1e-300))
+    return np.asarray(left * np.exp(np.log1p(grown).sum(axis=-1) / free)[..., None])
+
+
 def variance_component(fit: LinearFit, Z: Array) -> VarianceComponent:
     """The likeliest size of what whitened columns Z (m, k), of coefficients of one sd, add to the errors of a fit whose
     noise may have any size. Z is overwritten."""
@@ -48,13 +60,9 @@ def variance_component(fit: LinearFit, Z: Array) -> VarianceComponent:
     seen = lam > 1e-6 * max(lam[-1], 1e-300)
     lam, V = lam[seen], V[:, seen]
     square = np.square(V.T @ (Z.T @ fit.white)) / lam
-    total, dof = fit.chi2, fit.dof
-    rest = max(total - float(square.sum()), 0.0)
 
     def deviance(ratio: Array) -> Array:
-        grown = 1.0 + ratio[:, None] ** 2 * lam
-        inside = np.maximum(rest + (square / grown).sum(axis=1), 1e-300)
-        return np.asarray(dof * np.log(inside) + np.log(grown).sum(axis=1))
+        return fit.dof * np.log(with_variance(lam, square[:, None], fit.chi2, ratio**2, fit.dof)[:, 0])
 
     ratio, low, high = 0.0, _SMALLEST, _LARGEST
     for _ in range(_FINER):  # each time between the neighbours of the best
@@ -62,5 +70,6 @@ def variance_component(fit: LinearFit, Z: Array) -> VarianceComponent:
         at = int(np.argmin(deviance(ratios)))
         low, ratio, high = (float(ratios[k]) for k in (max(at - 1, 0), at, min(at + 1, _FINE - 1)))
     without, beside = deviance(np.array([0.0, ratio])).tolist()
+    rest = max(fit.chi2 - float(square.sum()), 0.0)
     own = rest + float((square / (1.0 + ratio**2 * lam)).sum())
     return VarianceComponent(ratio, without - beside, own, rest, len(lam))

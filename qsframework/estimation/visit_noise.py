@@ -1,4 +1,4 @@
-"""The error that all readings of one visit share, sized by REML on a grid, and what a test must allow for that.
+"""The error that all readings of one visit share, sized by REML, and what a test must allow for that.
 
 V = C + rho^2 s^2 times the sum of 1 1' over visits and axes: C the readings' own errors, s their typical sd, rho the
 size of what a visit shares. A common factor of V is free: nothing of the size of the noise is taken as known. rho is
@@ -13,10 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.estimation.noise import Noise
+from qsframework.estimation.linear_fit import LinearFit
+from qsframework.estimation.noise import Group, Noise, grouped
 from qsframework.estimation.projection import left
+from qsframework.estimation.tails import chi2_sf
 from qsframework.plugin import Array, Indices
 
+_LARGEST = 1e3
+"""Largest shared sd that is looked for, in sds of a reading's own error."""
 RHOS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.35, 1.8, 2.4, 3.2, 4.2, 5.5, 7.0, 9.0)
 
 
@@ -89,13 +93,67 @@ def reml(noise: VisitNoise, columns: Array, count: int, repeats: Array | None = 
 
 
 def _orthonormal(noise: VisitNoise, columns: Array) -> tuple[tuple[Array, ...], Array]:
-    """Whitened columns made orthonormal in every noise, and log |V| + log |X' V^-1 X| of each (K,)."""
+    """Whitened columns made orthonormal in every noise, and what they cost there (K,)."""
+    Q, cost = zip(*(restricted(one, columns) for one in noise.noises), strict=True)
+    return Q, np.array(cost)
+
+
+def restricted(noise: Noise, columns: Array) -> tuple[Array, float]:
+    """Whitened columns X (m, f), of full rank, made orthonormal, and log |V| + log |X' V^-1 X|, up to a constant that
+    is the same in every noise V: what a restricted likelihood pays for it."""
     size: Array = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    scaled = columns / size
-    out: list[Array] = []
-    cost: list[float] = []
-    for one in noise.noises:
-        Q, R = np.linalg.qr(one.whiten(scaled))
-        out.append(Q)
-        cost.append(one.log_det() + 2.0 * float(np.log(np.maximum(np.abs(np.diag(R)), 1e-300)).sum()))
-    return tuple(out), np.array(cost)
+    Q, R = np.linalg.qr(noise.whiten(columns / size))
+    return Q, noise.log_det() + 2.0 * float(np.log(np.maximum(np.abs(np.diag(R)), 1e-300)).sum())
+
+
+@dataclass(frozen=True, eq=False)
+class SharedError:
+    """The error that the markers of a pose share: its sd in m, and the noise with it.
+
+    unit: factor on the readings' own sigma, 1 where that is stated; p_value: probability that readings
+    without a shared error look like this
+    """
+
+    sd: float
+    unit: float
+    p_value: float
+    noise: Noise
+
+
+def shared_error(
+    residuals: Array, jacobian: Array, sigma: Array, label: Indices, stated: bool = True, others: Sequence[Group] = ()
+) -> SharedError:
+    """The sd of the error that readings of one label share, by restricted maximum likelihood (REML).
+
+    residuals (m,) and jacobian (m, p) of a fit that has settled, not whitened; sigma (m,) the readings' own sd, up to
+    a factor unless `stated`; others: errors that they share besides, known as sigma is. The test is the likelihood
+    ratio on its boundary, where half of the cases without a shared error give an estimate of zero.
+    """
+    from scipy.optimize import minimize_scalar
+
+    typical = float(np.sqrt(np.mean(sigma**2)))
+
+    def noise(ratio: float) -> Noise:
+        return grouped(sigma, [*others, (label, np.full(len(sigma), ratio * typical))])
+
+    def deviance(ratio: float) -> tuple[float, float]:
+        """-2 log restricted likelihood, up to a constant, and the variance of unit weight."""
+        V = noise(ratio)
+        Q, cost = restricted(V, jacobian)
+        square, free = max(LinearFit.onto(Q, V.whiten(residuals)).chi2, 1e-300), len(residuals) - Q.shape[1]
+        return (square + cost, 1.0) if stated else (free * np.log(square / free) + cost, square / free)
+
+    found = minimize_scalar(
+        lambda t: deviance(float(np.exp(t)))[0],
+        bounds=(np.log(1e-3), np.log(_LARGEST)),
+        method="bounded",
+        options={"xatol": 1e-6},
+    )
+    ratio = float(np.exp(found.x))
+    gain = deviance(0.0)[0] - deviance(ratio)[0]
+    if gain <= 0.0:
+        ratio, gain = 0.0, 0.0
+    unit = float(np.sqrt(deviance(ratio)[1]))
+    return SharedError(
+        ratio * typical * unit, unit, 1.0 if gain == 0.0 else 0.5 * float(chi2_sf(gain, 1)), noise(ratio)
+    )

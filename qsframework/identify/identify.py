@@ -24,7 +24,7 @@ from qsframework.estimation import (
     settle,
     shared_error,
 )
-from qsframework.estimation.noise import SharedError
+from qsframework.estimation.visit_noise import SharedError
 from qsframework.experiment import Experiment, Frame, ObservationModel, Readings, make_rows, observation_model
 from qsframework.experiment.account import account_of
 from qsframework.experiment.observations import ReadingRows, start_values, values_before

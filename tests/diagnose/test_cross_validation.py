@@ -123,8 +123,9 @@ def test_a_direction_that_one_pose_carries_costs_nothing_elsewhere(real: Diagnos
     case = real.case
     pose = case.pose == case.pose[0]
     white, raw = case.A.copy(), case.raw.copy()
-    white[:, -1] = raw[:, -1] = 0.0
+    white[:, -1] = 0.0
     white[pose, -1] = np.array([1.0, 2.0, -1.0])
+    raw[:, white.shape[1] - 1] = case.noise.colour(white[:, -1])
     one = replace(case, A=white, raw=raw)
     _, held, _ = linear_errors(one, [], real.baseline.residuals)
     assert held == pytest.approx(refitted(one, [], real.baseline.residuals), rel=1e-9)

@@ -21,6 +21,7 @@ import numpy as np
 
 from qsframework.diagnose.selection.null_draws import null_draws
 from qsframework.estimation.projection import Flags
+from qsframework.estimation.variance_component import with_variance
 from qsframework.estimation.visit_noise import Reml
 from qsframework.plugin import Array, Indices
 
@@ -188,7 +189,4 @@ def _parts(blocks: Sequence[Array], fits: Reml, k: int) -> list[_Seen]:
 def _deviance(part: _Seen, rest: Array, total: Array, free: int, taus: Sequence[float] = tuple(TAUS)) -> Array:
     """The smallest dev (b, n) over tau of residuals (m, n), without what the noise costs."""
     square = np.square(part.along(rest))
-    grown = np.square(taus)[:, None] * part.weight[:, None, :]
-    remaining = np.maximum(total - (grown / (1.0 + grown)) @ square, 1e-12 * total)
-    price = np.exp(np.log1p(grown).sum(axis=2) / free)  # as a factor: one logarithm for all tau
-    return free * np.log((remaining * price[:, :, None]).min(axis=1))
+    return free * np.log(with_variance(part.weight, square, total, np.square(taus), free).min(axis=1))

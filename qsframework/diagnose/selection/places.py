@@ -31,7 +31,8 @@ from qsframework.diagnose.linearization.place_motions import (
     visits_of,
 )
 from qsframework.diagnose.result import LikelyPlace
-from qsframework.estimation.visit_noise import Reml
+from qsframework.estimation.variance_component import with_variance
+from qsframework.estimation.visit_noise import Reml, restricted
 from qsframework.plugin import Array
 
 _TAUS = np.geomspace(0.15, 6.0, 8)
@@ -207,9 +208,7 @@ def _noises(fits: Reml, values: Array, visits: VisitGroups) -> tuple[_Noise, ...
         noise, rest = fits.noise.noises[k], fits.left(k, values)
         total = max(float(rest @ rest), 1e-300)
         prior = float(np.log(0.5 if rho == 0.0 else 0.5 / (len(_RHOS) - 1)))
-        white = noise.whiten(fitted)
-        cost = noise.log_det() + float(np.linalg.slogdet(white.T @ white)[1])
-        start = prior - 0.5 * (fits.free * np.log(total) + cost)
+        start = prior - 0.5 * (fits.free * np.log(total) + restricted(noise, fitted)[1])
         Q, y = visits.split(fits.Q[k]), visits.split(rest[:, None])[..., 0]
         out.append(_Noise(k, Q, y, total, fits.free, float(start)))
     return tuple(out)
@@ -266,11 +265,10 @@ def _with_law(free: _Free, noise: _Noise, Z: Array) -> Array:
     S = flat.T @ flat - wz @ z - turned @ ZX.transpose(0, 2, 1)
     c = flat.T @ noise.y.ravel() - wz @ free.b - (turned @ free.x[..., None])[..., 0]
     values, vectors = np.linalg.eigh(S)
-    along = np.square((c[:, None] @ vectors)[:, 0])[:, None]
-    square = np.square(_WEIGHTS)[:, None]
-    grown = square * np.maximum(values, 0.0)[:, None]
-    rss = np.maximum(free.rss[:, None] - (along * square / (1.0 + grown)).sum(axis=2), 1e-12 * noise.total)
-    return _likelihood(noise, rss, free.log_det[:, None] + np.log1p(grown).sum(axis=2))
+    lam = np.maximum(values, 1e-150)
+    square = (np.square((c[:, None] @ vectors)[:, 0]) / lam)[..., None]
+    left = with_variance(lam, square, free.rss[:, None, None], np.square(_WEIGHTS), noise.free)[..., 0]
+    return _likelihood(noise, left, free.log_det[:, None])
 
 
 @dataclass(frozen=True, eq=False)
