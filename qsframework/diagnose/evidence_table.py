@@ -3,27 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import combinations
 
 import numpy as np
 
 from qsframework.diagnose.error_budget import linear_errors
 from qsframework.diagnose.linearization.candidates import REACH, Cause, Untested
+from qsframework.diagnose.linearization.columns import Case, Subspace
 from qsframework.diagnose.result import AlternativeCause, Line, NamedCause, Status, Value
 from qsframework.diagnose.selection.alternatives import alternative_set
 from qsframework.diagnose.selection.cross_validation import HeldOut, standard_errors
 from qsframework.diagnose.selection.exact_refit import SettledFit
-from qsframework.diagnose.selection.influence import hangs_on
 from qsframework.diagnose.selection.model_selection import Answer, Library, p_value_of, size_of
 from qsframework.diagnose.selection.principal_angles import angle_matrix, smallest_angles
 from qsframework.diagnose.selection.search import Subset
+from qsframework.estimation import LinearFit
+from qsframework.estimation.projection import solved
 from qsframework.estimation.tails import chi2_isf
-from qsframework.plugin import Array, Parameter
+from qsframework.plugin import Array, Indices, Parameter
 
 _SIDES = 1.96
 _ROUNDING = 1e-6
 """Share of a typical size below which a number is rounding."""
 _ALTERNATIVES_TRIED = 12
 _MOST_SETS = 20
+_MOST_POSES = 120
+"""Above this many poses only single poses are deleted: two of them weigh little."""
+_RIDGE = 1e-9
 
 
 def findings_of(
@@ -109,10 +115,10 @@ def values_of(cause: Cause, fit: SettledFit) -> tuple[Value, ...]:
 def _conditional_ebic(library: Library, i: int, given: tuple[int, ...]) -> float:
     """By how much EBIC falls with cause i beside the given ones."""
     gram, count = library.gram, len(library.heads)
-    without, _, _ = gram.solve(given)
-    rss, _, _ = gram.solve((*given, i))
-    dof = sum(len(gram.at[j]) for j in given)
-    return gram.ebic(without, dof, len(given), count) - gram.ebic(rss, dof + len(gram.at[i]), len(given) + 1, count)
+    without, both = (
+        gram.ebic(gram.solve(m)[0], sum(len(gram.at[j]) for j in m), len(m), count) for m in (given, (*given, i))
+    )
+    return float(without - both)
 
 
 def _alternatives(library: Library, answers: Sequence[Answer], i: int, seed: int) -> tuple[int, ...]:
@@ -151,6 +157,59 @@ def _hanging(
     without = Subset(given, 0.0, best.dof - dof, 0.0)
     found = hangs_on(library.case, library.subspaces, best, without, others, needed)
     return tuple(tuple(pose_names[p] for p in poses) for poses in found[:_MOST_SETS])
+
+
+def hangs_on(
+    case: Case, subspaces: Sequence[Subspace], chosen: Subset, without: Subset, others: Sequence[Subset], needed: float
+) -> list[tuple[int, ...]]:
+    """Smallest sets of one or two poses without which a cause is not significant, or another takes its place.
+
+    chosen: the subset with the cause; without: the same without it; others: those that count as another answer;
+    needed: by how much the cause must lower the squares to be named
+    """
+    blocks, count = _pose_blocks(case.pose)
+    pairs = [(i,) for i in range(count)]
+    if count <= _MOST_POSES:
+        pairs += list(combinations(range(count), 2))
+    index = np.array([(*p, p[0]) if len(p) == 1 else p for p in pairs])
+    same = index[:, 0] == index[:, 1]
+    none = _squares_without(case, _columns(subspaces, without), blocks, index, same)
+    best = _squares_without(case, _columns(subspaces, chosen), blocks, index, same)
+    lost = none - best < needed
+    penalty = float(np.log(len(case.pose)))
+    for other in others:
+        rival = _squares_without(case, _columns(subspaces, other), blocks, index, same)
+        lost |= rival + penalty * (other.dof - chosen.dof) < best
+    singles = {pairs[i] for i in np.flatnonzero(lost) if len(pairs[i]) == 1}
+    alone = {p[0] for p in singles}
+    doubles = [pairs[i] for i in np.flatnonzero(lost) if len(pairs[i]) == 2 and not alone & set(pairs[i])]
+    return [*sorted(singles), *doubles]
+
+
+def _columns(subspaces: Sequence[Subspace], subset: Subset) -> Array:
+    none = np.zeros((len(subspaces[0].Q), 0))
+    return np.concatenate([none, *(subspaces[i].Q for i in subset.members)], axis=1)
+
+
+def _pose_blocks(pose: Indices) -> tuple[Indices, int]:
+    """Positions (P, b) of each pose's scalars, filled up with len(pose)."""
+    found = [np.flatnonzero(pose == p) for p in np.unique(pose)]
+    out = np.full((len(found), max(map(len, found))), len(pose))
+    for i, at in enumerate(found):
+        out[i, : len(at)] = at
+    return out, len(found)
+
+
+def _squares_without(case: Case, columns: Array, blocks: Indices, index: Indices, same: Array) -> Array:
+    """Squares left by a fit to all poses but two (D,): RSS - r' (I - H)^-1 r over the deleted rows."""
+    fit = LinearFit.onto(np.linalg.qr(np.concatenate([case.A, columns], axis=1))[0], case.residuals)
+    Q, r = np.pad(fit.Q, ((0, 1), (0, 0))), np.append(fit.white, 0.0)
+    second = np.where(same[:, None], len(r) - 1, blocks[index[:, 1]])
+    at = np.concatenate([blocks[index[:, 0]], second], axis=1)
+    out = np.empty(len(at))
+    for part, _, error in solved(Q * (1.0 - _RIDGE), at, r, None):
+        out[part] = fit.chi2 - np.einsum("di,di->d", r[at[part]], error)
+    return out
 
 
 def _other_sets(library: Library, given: tuple[int, ...], allowed: set[int]) -> list[Subset]:

@@ -15,16 +15,16 @@ from qsframework.diagnose import Diagnosis, diagnose
 from qsframework.diagnose.residuals.audited_rows import split_told
 from qsframework.diagnose.residuals.lack_of_fit import LackOfFit, arm_axes, variables_of
 from qsframework.diagnose.residuals.noise_components import visible
-from qsframework.diagnose.selection.alternatives import falls_of
 from qsframework.diagnose.selection.family_test import FamilyBlock, family_test
+from qsframework.diagnose.selection.search import Gram
 from qsframework.diagnose.verdict import misfits, verdict_of
 from qsframework.discriminate.follow_up import follow_up
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
 from qsframework.estimation import Independent
 from qsframework.estimation.visit_noise import VisitNoise, reml
 from qsframework.experiment import make_rows, observation_model
-from qsframework.forecast.effect_size import Bench
 from qsframework.forecast.forecast import Outlook, Prospect, Why
+from qsframework.forecast.power import Bench
 from qsframework.plugin import Poses
 from qsframework.plugin.facts import frozen
 from qsframework.report.words.diagnosis import diagnosis_words
@@ -91,7 +91,9 @@ def test_no_direction_no_statistic() -> None:
 
 
 def test_nothing_given_nothing_falls() -> None:
-    assert falls_of(SimpleNamespace(total=5.0, solve=None), ()) == 0.0  # pyright: ignore[reportArgumentType]
+    none = np.zeros(0)
+    gram = Gram(G=np.zeros((0, 0)), c=none, total=5.0, count=9, at=(), sided=(), absorbed=(), bounds=None)
+    assert gram.solve(())[0] == 5.0
 
 
 def test_readings_of_an_arm_without_load_tell_nothing() -> None:

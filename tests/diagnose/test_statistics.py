@@ -9,6 +9,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from qsframework.diagnose.evidence_table import hangs_on
 from qsframework.diagnose.law import Law
 from qsframework.diagnose.linearization.candidates import REACH, find_causes
 from qsframework.diagnose.linearization.columns import Case, Subspace, plan_case
@@ -17,7 +18,6 @@ from qsframework.diagnose.selection.alternatives import alternative_set
 from qsframework.diagnose.selection.closing_gate import NamedEffect, leftovers, open_alternative
 from qsframework.diagnose.selection.evidence import TAUS, evidence
 from qsframework.diagnose.selection.family_test import FamilyBlock, chance, family_test, log_p_values
-from qsframework.diagnose.selection.influence import hangs_on
 from qsframework.diagnose.selection.model_selection import blocks_of
 from qsframework.diagnose.selection.search import Gram, Subset, make_gram, search
 from qsframework.estimation.noise import Independent, grouped
@@ -170,7 +170,7 @@ def test_the_set_of_rivals_covers_the_truth_and_is_small() -> None:
         truth = int(rng.choice(seen))
         s = subspaces[truth]
         direction = s.Q[:, 0] if s.one_sided else s.Q @ _unit(rng, s.Q.shape[1])
-        gram = make_gram(subspaces, noise_left(case, rng) + 8.0 * direction, True, None)
+        gram = make_gram(subspaces, noise_left(case, rng) + 8.0 * direction, None)
         falls = gram.falls((), gram.visible)
         order = [gram.visible[i] for i in np.argsort(-falls) if not _wrong(gram, gram.visible[i])]
         order = [i for i in order if i in seen]

@@ -11,9 +11,16 @@ from qsframework.diagnose.linearization.candidates import find_causes, widened
 from qsframework.diagnose.selection.family_test import log_p_values
 from qsframework.errors import InputError, NotIdentifiable
 from qsframework.experiment import example, load_experiment
-from qsframework.forecast.effect_size import Bench
 from qsframework.forecast.forecast import Outlook
-from qsframework.forecast.power import LIBRARY_LEVEL, detection_rate, forecast, mistaken_by, needed_size, threshold
+from qsframework.forecast.power import (
+    LIBRARY_LEVEL,
+    Bench,
+    detection_rate,
+    forecast,
+    mistaken_by,
+    needed_size,
+    threshold,
+)
 from qsframework.plugin import Poses
 from qsframework.report.result_json import foresight_json
 from qsframework.report.words.forecast import foresight_words, smallest_words, why_words

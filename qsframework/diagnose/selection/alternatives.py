@@ -93,8 +93,7 @@ def alternative_set(
     """
     race = contest(gram, given, without)
     falls = race.falls(race.parts(race.c[None]))[0]
-    start = gram.total - float(falls_of(gram, given))
-    left = start - falls
+    left = gram.solve(given)[0] - falls
     for i, rss in exact.items():
         left[i] = rss
     others = [i for i in gram.visible if i not in {*given, *without, named} and left[i] - left[named] < _FAR]
@@ -103,11 +102,6 @@ def alternative_set(
     noise = race.parts(rng.standard_normal((_DRAWS, len(values))) @ (vectors * np.sqrt(np.maximum(values, 0.0))).T)
     kept = [i for i in others if _possible(race, i, left[i] - left[named], noise, given, confidence)]
     return tuple(sorted(kept, key=lambda i: left[i]))
-
-
-def falls_of(gram: Gram, given: Sequence[int]) -> float:
-    """By how much the given causes lower the squares."""
-    return gram.total - gram.solve(tuple(given))[0] if given else 0.0
 
 
 def _possible(race: Contest, i: int, behind: float, noise: Array, given: Sequence[int], confidence: float) -> bool:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import comb
 
 import numpy as np
 
@@ -55,9 +54,8 @@ class Library:
 
     def unit(self, members: Sequence[int] = ()) -> float:
         """Variance of unit weight that some causes leave."""
-        rss = self.gram.solve(tuple(members))[0] if len(members) else self.gram.total
         used = self.case.A.shape[1] + sum(len(self.gram.at[i]) for i in members)
-        return max(rss / max(self.gram.count - used, 1), 1e-300)
+        return max(self.gram.solve(members)[0] / max(self.gram.count - used, 1), 1e-300)
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,14 +142,8 @@ def answer_of(
 def _answer(library: Library, subset: Subset, fit: SettledFit | None, baseline: SettledFit) -> list[Answer]:
     if fit is None or _beyond(fit):
         return []
-    return [Answer(subset, fit, _ebic(library, subset, fit.chi2, baseline.chi2))]
-
-
-def _ebic(library: Library, subset: Subset, chi2: float, start: float) -> float:
-    m = library.gram.count
-    fall = m * float(np.log(chi2 / start))
-    many = comb(len(library.heads), len(subset.members))
-    return fall + subset.dof * float(np.log(m)) + 2.0 * float(np.log(many))
+    ebic = library.gram.ebic(fit.chi2, subset.dof, len(subset.members), len(library.heads), baseline.chi2)
+    return [Answer(subset, fit, float(ebic))]
 
 
 def refit(

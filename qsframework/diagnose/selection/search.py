@@ -79,26 +79,28 @@ class Gram:
         """Positions of the causes that have directions."""
         return [i for i, at in enumerate(self.at) if len(at)]
 
-    def ebic(self, rss: float, dof: int, size: int, classes: int) -> float:
-        """EBIC less that of no cause."""
-        return float(self.ebics(np.array([rss]), np.array([dof]), size, classes)[0])
+    def ebic(
+        self, rss: Array | float, dof: Indices | int, size: int, classes: int, total: float | None = None
+    ) -> Array:
+        """EBIC of subsets of one size that leave rss (n,), less that of no cause, which leaves `total`."""
+        fall = self.count * np.log(np.maximum(rss, 1e-300) / (self.total if total is None else total))
+        return np.asarray(fall + dof * np.log(self.count) + 2.0 * np.log(comb(classes, size)))
 
-    def ebics(self, rss: Array, dof: Indices, size: int, classes: int) -> Array:
-        """EBIC (n,) of subsets of one size, less that of no cause."""
-        fall = self.count * np.log(np.maximum(rss, 1e-300) / self.total)
-        return fall + dof * np.log(self.count) + 2.0 * np.log(comb(classes, size))
-
-    def solve(self, members: tuple[int, ...]) -> tuple[float, Array, bool]:
+    def solve(self, members: Sequence[int]) -> tuple[float, Array, bool]:
         """Squares left by a subset, its coefficients, and whether it is physical: signs and bounds kept."""
-        index = np.concatenate([self.at[i] for i in members])
+        index = self._places(members)
         z: Array = np.asarray(np.linalg.solve(self._own(index), self.c[index]), dtype=np.float64)
         return self.total - float(self.c[index] @ z), z, self._physical(members, z)
+
+    def _places(self, members: Sequence[int]) -> Indices:
+        """Those of all directions of a subset (k,)."""
+        return np.concatenate([np.zeros(0, dtype=np.intp), *(self.at[i] for i in members)])
 
     def _own(self, index: Indices) -> Array:
         """Products (..., k, k) of directions (..., k) among themselves."""
         return self.G[index[..., :, None], index[..., None, :]] + _RIDGE * np.eye(index.shape[-1])
 
-    def _physical(self, members: tuple[int, ...], z: Array) -> bool:
+    def _physical(self, members: Sequence[int], z: Array) -> bool:
         first = 0
         shift = 0.0
         for i in members:
@@ -115,16 +117,13 @@ class Gram:
 
     def beside(self, members: Sequence[int]) -> tuple[Array, Array]:
         """G and c of all directions after a subset has taken its part."""
-        if not len(members):
-            return self.G, self.c
         (index,), (W,) = self._taken([members])
         return self.G - self.G[:, index] @ W[:, :-1], self.c - self.G[:, index] @ W[:, -1]
 
     def _taken(self, subsets: Sequence[Sequence[int]]) -> tuple[Indices, Array]:
         """Directions (n, k) of subsets that have as many, and what of all directions and the residuals they hold
         (n, k, K + 1)."""
-        none = np.zeros(0, dtype=np.intp)
-        index: Indices = np.array([np.concatenate([none, *(self.at[i] for i in s)]) for s in subsets], dtype=np.intp)
+        index: Indices = np.array([self._places(s) for s in subsets], dtype=np.intp)
         W = np.linalg.solve(self._own(index), np.concatenate([self.G[index], self.c[index][..., None]], axis=2))
         return index, np.asarray(W, dtype=np.float64)
 
@@ -199,7 +198,7 @@ def search(gram: Gram, classes: Sequence[int], largest: int = LARGEST) -> list[S
         of = np.repeat(np.arange(len(grown), dtype=np.intp), [int(o.sum()) for o in others])
         more: Indices = np.concatenate([choice[o] for o in others])
         left_over, used = np.concatenate(rss), np.concatenate(dof)
-        ebic = gram.ebics(left_over, used, size, len(choice))
+        ebic = gram.ebic(left_over, used, size, len(choice))
         seen: set[tuple[int, ...]] = set()
         kept: list[Subset] = []
         for n in map(int, np.argsort(ebic, kind="stable")):
