@@ -360,7 +360,8 @@ def _both_days(told: Told, day: Campaign, mounts: Sequence[Mount]) -> Result:
     whole = day.clean(told.hidden, built, places)[0]
     clean, more = np.split(whole, [whole.shape[1] - len(mounts)], axis=1)
     touched = day.clean(replace(told.hidden, readings=()), built, places)[0][:, clean.shape[1] :]
-    more = np.where([[[bool(m.along)] for m in mounts]], touched, more)  # a gauge has no tracker
+    gauged = np.array([bool(m.along) for m in mounts], dtype=np.bool_)[:, None]
+    more = np.where(gauged, touched, more)  # a gauge has no tracker
     before = told.campaign.clean(told.hidden)[0]
     later = noisy(day, (clean,))[0][first:]
     table = np.concatenate([clean[:first] + noisy(told.campaign, (before,))[0] - before, later])
