@@ -26,6 +26,10 @@ _LITTLE = 0.05
 """Share of the largest possible torque below which a spring counts as not loaded."""
 _MUCH = 0.9
 """Share from which more force along other directions would hardly load it more."""
+_LEVER = 1e-3
+"""m, of a force about an axis, below which no force turns it: what rounding leaves of none."""
+_TURNED, _POSES = 1.0, 16
+"""rad by which joints are turned, and how often, to see whether another pose gives a lever."""
 _FACES = (laws.torque, laws.stiffness)
 
 
@@ -56,6 +60,8 @@ def _spring(model: Model, effect: Spring, name: str, poses: Poses) -> str:
     coordinate, who = _coordinate(model, name), _who(effect, model)
     reach = np.abs(unit_torques(model, poses)[:, coordinate, :])
     share = load_share(model, poses, coordinate)
+    if share is None and _always(model, poses, coordinate):
+        return f"the load point lies on the axis of {who}, so that no force there turns it: move the load point off it"
     if share is None:
         return f"no force at the load point turns {who} in these poses: bend the wrist or move the load point"
     pull = _pull_words(int(reach[:, :3].max(axis=0).argmax()))
@@ -156,9 +162,20 @@ def load_share(model: Model, poses: Poses, coordinate: int) -> float | None:
         for part in (slice(0, 3), slice(3, 6))
     )
     most = float(np.max(possible))
+    lever = float(np.linalg.norm(reach[:, :3], axis=1).max())
+    if lever < _LEVER and not np.any(poses.wrench[:, 3:]):
+        return None
     if most == 0.0:
-        return 0.0 if np.any(reach[:, :3]) else None
+        return 0.0
     return float(np.abs(spring_torques(model, poses)[:, coordinate]).max()) / most
+
+
+def _always(model: Model, poses: Poses, coordinate: int) -> bool:
+    """Whether no pose gives a force at the load point a lever about a coordinate."""
+    rng = np.random.default_rng(0)
+    turned = poses.q[:1] + rng.uniform(-_TURNED, _TURNED, (_POSES, poses.q.shape[1]))
+    others = Poses(turned, turned, np.zeros((_POSES, 6)))
+    return bool(np.abs(unit_torques(model, others)[:, coordinate, :3]).max() < _LEVER)
 
 
 def unit_torques(model: Model, poses: Poses) -> Array:
