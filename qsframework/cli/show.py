@@ -117,9 +117,8 @@ def _readings(data: Sequence[Path], experiment: Experiment, fit: FitRecord) -> t
     if not data:
         return None, "No residual vectors: the experiment names no readings; name a file of them too."
     readings = read_readings(data, experiment.with_(fit=fit.model_names(experiment) or None))
-    other = [path.name for path in data if not fit.account.is_of(path)]
-    note = f"The fit is not of the readings in {', '.join(other)}, which are shown." if other else None
-    return readings, note
+    other = "" if fit.account.has_used(readings) else f"The fit is not of the readings in {readings.where}: shown."
+    return readings, other or None
 
 
 def _experiment(shown: Shown) -> Experiment:

@@ -19,10 +19,11 @@ from qsframework.elastostatics import Model
 from qsframework.errors import InputError
 from qsframework.experiment.frames import PLANE, POINT
 from qsframework.experiment.observations import ReadingRows
+from qsframework.experiment.readings import Readings
 from qsframework.experiment.setup import Experiment
 from qsframework.files import FileRecord, sha256
 from qsframework.files.plain import is_list, is_mapping, is_tuple
-from qsframework.plugin import Effect, RobotFacts
+from qsframework.plugin import Effect, Indices, RobotFacts
 from qsframework.plugin.entry import effect_entry
 from qsframework.plugin.trusted import file_of
 from qsframework.robot import Robot
@@ -32,6 +33,12 @@ _DIGITS = 9
 
 _MOST = 8
 """Names that a sentence lists."""
+_MARKS = 128
+"""Readings, the smallest by their hashes, by which all are known again."""
+_STEPS = 1e-6, 1e-2, 1e-8
+"""rad or m of an angle, N or N m of a load, m of a value: what a table may round."""
+_KNOWN = 0.25
+"""Share of readings that a fit has used, from which on they are no others: coarse gauges repeat by chance."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +53,7 @@ class UsedFile(FileRecord):
 class Account(FileRecord):
     """kinds: of the readings, "displacement", "position" or "gauge"
     files: that the readings are from; none where they were `simulated` in memory
+    marks: hashes of some readings, by which they are known again in another file or in a part of it
     visits, reads: how often the arm was brought to a state, and how many readings were taken there
     frames: series whose frame was estimated from the same readings; tool: parameters of the markers that were
     extended: effects that the model has from a diagnosis of readings; causes: names that a diagnosis of these readings
@@ -56,6 +64,7 @@ class Account(FileRecord):
 
     kinds: tuple[str, ...]
     files: tuple[UsedFile, ...]
+    marks: tuple[str, ...]
     visits: int
     reads: int
     frames: tuple[str, ...]
@@ -117,9 +126,31 @@ class Account(FileRecord):
         names = ", ".join(self.extended)
         return (f"The model is extended by what a diagnosis of readings found: {names}.",) if names else ()
 
-    def is_of(self, data: Path) -> bool:
-        """Whether a file is one of those of the readings, by its hash."""
-        return sha256(data) in self.hashes
+    def is_of(self, readings: Readings) -> bool:
+        """Whether these are the readings of the result, by the hashes of their files; of simulated ones by the
+        readings themselves."""
+        if self.files or not self.simulated:
+            return readings.hashes == self.hashes
+        return len(np.flatnonzero(readings.use)) == self.reads and self.has_used(readings)
+
+    def has_used(self, readings: Readings) -> bool:
+        """Whether more than a few of these readings are those of the result, in whatever file."""
+        return self.shares(_marks(readings, np.flatnonzero(readings.use)))
+
+    def shares(self, marks: Sequence[str]) -> bool:
+        """Whether more than a few readings are the same, by the marks of other ones."""
+        last = self.marks[-1] if len(self.marks) == _MARKS else "g"
+        told = [mark for mark in marks if mark <= last]
+        return len(set(self.marks).intersection(told)) > _KNOWN * len(told)
+
+
+def _marks(readings: Readings, rows: Indices) -> tuple[str, ...]:
+    """Hashes of some rows, in order, by angles, load and value as a table holds them."""
+    poses, at = readings.poses, readings.plus[rows]
+    parts = poses.pendant[at], poses.wrench[at] * readings.states.loaded[at, None], readings.value[rows]
+    whole = [np.round(np.nan_to_num(part, nan=-1e3) / step) for part, step in zip(parts, _STEPS, strict=True)]
+    cells = np.ascontiguousarray(np.concatenate(whole, axis=1).astype(np.int64))
+    return tuple(sorted({hashlib.blake2b(row.tobytes(), digest_size=8).hexdigest() for row in cells}))
 
 
 def some_of(names: Sequence[str]) -> str:
@@ -138,6 +169,7 @@ def account_of(experiment: Experiment, rows: ReadingRows, names: Sequence[str]) 
             UsedFile(_beside(source, experiment), sha)
             for source, sha in zip(readings.sources, readings.hashes, strict=True)
         ),
+        marks=_marks(readings, rows.keep)[:_MARKS],
         visits=len(np.unique(rows.plus)),
         reads=len(rows.keep) if readings.reads is None else int(readings.reads[rows.keep].sum()),
         frames=tuple(readings.frames[f] for f in rows.estimated),

@@ -34,8 +34,8 @@ class Moved:
 
 
 def same_readings(fit: FitRecord, before: FitRecord) -> bool:
-    """Whether two fits rest on a file of readings in common."""
-    return bool(set(fit.account.hashes) & set(before.account.hashes))
+    """Whether two fits rest on readings in common."""
+    return fit.account.shares(before.account.marks) or before.account.shares(fit.account.marks)
 
 
 def moved(fit: FitRecord, before: FitRecord) -> tuple[Moved, ...]:

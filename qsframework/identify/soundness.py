@@ -156,12 +156,12 @@ def own_readings(
 ) -> tuple[Readings | str | None, list[str]]:
     """The readings of a fit as it used them, why they are not the same any more, or None; and what to note."""
     files = fit.account.files
+    if given is not None and fit.account.is_of(given):
+        return _as_used(fit, given), []
     if not files and fit.account.simulated:
         return None, [_UNCHECKED.format("they were simulated, and are in no file")] if fit.path else []
     if not files:
         return "it names no readings", []
-    if given is not None and given.hashes == fit.account.hashes:
-        return _as_used(fit, given), []
     found = [_place(file, fit, experiment) for file in files]
     lost = [file.path for file, place in zip(files, found, strict=True) if place is None]
     changed = [str(p) for file, p in zip(files, found, strict=True) if p is not None and sha256(p) != file.sha256]
@@ -208,11 +208,19 @@ def _explains(fit: FitRecord, experiment: Experiment, readings: Readings) -> Ite
         yield "its estimates stand in another order, or are others, than its readings give"
         return
     parameters = {p.name: p for p in experiment.model().parameters}
+    for what in ("kinds", "frames", "tool"):
+        said, found = (", ".join(getattr(f.account, what)) or "none" for f in (fit, again))
+        if said != found:
+            yield f"its account says {what}: {said}, and its readings say {found}"
     for e, own in zip(fit.estimates, again.estimates, strict=True):
         sd = own.sd if np.isfinite(own.sd) else 0.0
         if abs(e.value - own.value) > _NEAR * sd + 1e-6 * abs(own.value):
             unit = parameters[e.name].unit if e.name in parameters else ""
             yield f"{e.name} is {e.value:.6g} {unit}".rstrip() + f" in it, and its readings give {own.value:.6g}"
+        elif e.state is not own.state:
+            yield f"{e.name} is said to be {e.state.value!r} in it, and its readings say {own.state.value!r}"
+        elif not _alike(e.sd, own.sd):
+            yield f"the sd of {e.name} is {e.sd:.4g} in it, and its readings give {own.sd:.4g}"
     if not _alike(fit.sigma, again.sigma):
         yield f"its noise is {1e3 * fit.sigma:.4g} mm, and its readings have {1e3 * again.sigma:.4g} mm here"
     elif not _alike(fit.chi2, again.chi2) or fit.dof != again.dof:

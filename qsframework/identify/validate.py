@@ -123,8 +123,7 @@ def validate(experiment: Experiment, readings: Readings, fit: FitRecord) -> Vali
     model, rows = experiment.model(), make_rows(readings)
     x = fit.x_of(model)
     errors = rows.measured - rows.predict(model, x, fitted_frames(fit, rows, model, x), fit.linear)
-    seen = not set(fit.account.hashes).isdisjoint(readings.hashes)
-    found = _validation(fit, rows, errors, _nominal(experiment, rows, fit), seen=seen)
+    found = _validation(fit, rows, errors, _nominal(experiment, rows, fit), seen=fit.account.has_used(readings))
     return replace(found, notes=rows.range_notes(model, x))
 
 

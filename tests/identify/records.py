@@ -34,6 +34,7 @@ def record(
         account=Account(
             kinds=("displacement",),
             files=(),
+            marks=(),
             visits=0,
             reads=0,
             frames=(),

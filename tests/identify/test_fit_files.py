@@ -35,8 +35,9 @@ def test_a_fit_is_read_back(r2000ic: Experiment, real: Readings, tmp_path: Path)
     assert (stored.method, stored.sigma_source, stored.dof) == ("one-step", "estimated", fit.dof)
     assert stored.sigma == fit.sigma
     assert stored.linear
-    assert stored.account.is_of(r2000ic.data[0])
-    assert not stored.account.is_of(r2000ic.path)
+    assert stored.account.is_of(real)
+    assert stored.account.has_used(real.of_rows(np.arange(5)))
+    assert not stored.account.has_used(real.with_values(real.value + 1e-4))
 
 
 def test_an_sd_that_is_not_quoted_stays_unquoted(r2000ic: Experiment, real: Readings, tmp_path: Path) -> None:

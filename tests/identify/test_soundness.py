@@ -19,7 +19,9 @@ from qsframework.cli.show import Shown, make_scene
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Readings
 from qsframework.experiment.account import robot_hash
-from qsframework.identify import FitRecord, identify, read_fit, write_fit
+from qsframework.experiment.readings_table import read_readings, write_readings
+from qsframework.identify import FitRecord, identify, read_fit, validate, write_fit
+from qsframework.identify.estimate import EstimateState
 from qsframework.identify.soundness import check_fit
 from qsframework.report.words.fit import fit_verdict, verdict_words
 from tests.identify.records import assert_same, with_values
@@ -208,3 +210,75 @@ def test_identify_says_what_is_impossible_before_that_it_agrees(r2000ic: Experim
     assert words.startswith("No arm has joint_compliance[joint_")
     assert "though the residuals agree with the stated noise" in words
     assert fit_verdict(fit, real.poses).word in ("Not possible", "No better than the nominal model")
+
+
+def first(f: FitRecord, **change: object) -> FitRecord:
+    """With something else said of the first estimate."""
+    return replace(f, estimates=(replace(f.estimates[0], **change), *f.estimates[1:]))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda f: first(f, sd=0.1 * f.estimates[0].sd), "in it, and its readings give"),
+        (lambda f: first(f, state=EstimateState.BEYOND_BOUND), "is said to be 'beyond bound' in it"),
+        (lambda f: replace(f, account=replace(f.account, kinds=("position",))), "says kinds: position"),
+        (lambda f: replace(f, account=replace(f.account, frames=("day",))), "says frames: day"),
+    ],
+)
+def test_what_a_fit_says_of_itself_is_what_its_readings_say(
+    r2000ic: Experiment, real: Readings, fit: FitRecord, change: Callable[[FitRecord], FitRecord], words: str
+) -> None:
+    """Its sds, what each estimate is, and of which readings it speaks."""
+    assert not list(check_fit(fit, r2000ic.robot, r2000ic, real))
+    with pytest.raises(InputError, match="not to be trusted") as error:
+        check_fit(change(fit), r2000ic.robot, r2000ic, real)
+    assert words in str(error.value)
+
+
+def altered(source: Path, folder: Path) -> dict[str, Path]:
+    """The readings of a file in others: without comments, half of them, under other names, doubled with new ones."""
+    lines = [line for line in source.read_text().splitlines() if not line.startswith("#")]
+    head, rows = lines[0], lines[1:]
+    new = [
+        ",".join([f"new{i}", *row.split(",")[1:-1], f"{float(row.split(',')[-1]) + 0.05:.3f}"])
+        for i, row in enumerate(rows)
+    ]
+    texts = {
+        "bare": rows,
+        "half": rows[::2],
+        "renamed": [f"x{row}" for row in rows],
+        "mixed": [*rows, *new],
+        "new": new,
+    }
+    out: dict[str, Path] = {}
+    for name, body in texts.items():
+        out[name] = folder / f"{name}.csv"
+        out[name].write_text("\n".join([head, *body]) + "\n")
+    return out
+
+
+def test_readings_of_the_fit_are_not_held_out_in_whatever_file(
+    r2000ic: Experiment, real: Readings, fit: FitRecord, tmp_path: Path
+) -> None:
+    assert real.source is not None
+    seen = {
+        name: validate(r2000ic, read_readings(path, r2000ic), fit).seen
+        for name, path in altered(real.source, tmp_path).items()
+    }
+    assert seen == {"bare": True, "half": True, "renamed": True, "mixed": True, "new": False}
+
+
+def test_readings_that_were_simulated_are_known_again_in_a_file(
+    r2000ic: Experiment, real: Readings, tmp_path: Path
+) -> None:
+    """A fit made in memory names no file; what it was made of is known by itself."""
+    blind = replace(real, sources=())
+    made = identify(r2000ic, blind)
+    assert made.account.simulated
+    write_readings(tmp_path / "r.csv", real, r2000ic)
+    written = read_readings(tmp_path / "r.csv", r2000ic)
+    assert validate(r2000ic, written, made).seen
+    assert not validate(r2000ic, real.with_values(real.value + 5e-5), made).seen
+    with pytest.raises(InputError, match="its readings give"):
+        check_fit(first(made, sd=1e-12), r2000ic.robot, r2000ic, written)
