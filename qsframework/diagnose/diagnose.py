@@ -220,7 +220,7 @@ def diagnose(
         account=_account(base, findings),
         experiment=base.experiment,
         readings=base.readings,
-        verdict=verdict_of(findings, closing.leftovers, after, ambiguous(library, findings)),
+        verdict=verdict_of(findings, closing.leftovers, after, audit, ambiguous(library, findings)),
         findings=findings,
         table=table_of(library, best, findings, base.untested),
         conventions=conventions,

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from qsframework.diagnose.residuals.lack_of_fit import LackOfFit
+from qsframework.diagnose.residuals.noise_components import NoiseAudit
 from qsframework.diagnose.result import Leftover, NamedCause, Verdict
 from qsframework.diagnose.selection.model_selection import Library
 
@@ -33,10 +34,10 @@ def misfits(after: LackOfFit) -> bool:
 
 
 def verdict_of(
-    findings: Sequence[NamedCause], leftovers: Sequence[Leftover], after: LackOfFit, unclear: bool
+    findings: Sequence[NamedCause], leftovers: Sequence[Leftover], after: LackOfFit, audit: NoiseAudit, unclear: bool
 ) -> Verdict:
-    """What the findings come to; unclear: whether one of them could be any of many."""
-    left = bool(leftovers) or misfits(after)
+    """What the findings come to; audit: of the noise; unclear: whether one of them could be any of many."""
+    left = bool(leftovers) or misfits(after) or audit.refuted
     if not findings:
         return "unexplained" if left else "none"
     return "partly_explained" if left or unclear or any(f.doubtful for f in findings) else "explained"

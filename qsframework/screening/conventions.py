@@ -40,6 +40,7 @@ from qsframework.screening.logging_faults import exchanges, late_angles
 from qsframework.screening.marker_constant import marker_constant
 from qsframework.screening.mistake import Mistake, Moved
 from qsframework.screening.rows import among, lines
+from qsframework.screening.runs import run_of_rows
 from qsframework.screening.standing_out import Standing, agreement, stand_out
 from qsframework.screening.table_mistakes import Mend, table_mistakes
 
@@ -51,6 +52,9 @@ LOCAL = 0.25
 """The same for the rows that a change touches: physics at some poses is not undone by exchanging their readings."""
 _MANY = 0.08
 """Of the visits: where more stand out, it may be a change of all rows that they are too many to be set aside from."""
+_NEAR_NOISE, _MOST_OF_IT = 16.0, 0.05
+"""Times a stated variance that is left at most where a change is right, or share of what is left as given: a change
+that merely fits better stands for something else."""
 _AS_STATED = 0.5
 """Of the stated variance: below it the noise is not as stated, and says nothing of what is left to gain."""
 _UNIT = 0.25
@@ -104,6 +108,8 @@ def whole_table(given: Linearized, standing: Standing) -> list[Mistake]:
     local = [_judge(c, fit, _trials([c], fit)[0], tried, rows) for c, fit, tried, rows in _mistakes(given)]
     whole += [c for c in local if c is not None]
     whole.sort(key=lambda c: (not c.compelling, -c.evidence))
+    if not (whole and whole[0].compelling):
+        whole = [*_run(given), *whole]
     while aside.any() and whole and whole[0].compelling and not _agrees(standing, whole[0]):
         whole = [*(c for c in whole[1:] if c.compelling), *(c for c in whole[1:] if not c.compelling)]
     if whole and whole[0].compelling and whole[0].name == "tracker_axes":
@@ -277,11 +283,12 @@ def _judge(
         return None
     before, fit = given.estimates, trial.estimates
     evidence, drop = _speaks_for(change, before, fit, tried)
-    if evidence <= 0.0:
+    near = not trial.stated or _near_noise(trial, given)
+    if evidence <= 0.0 or not (near or rows is None):
         return None
     enough = drop > -np.log(RATIO) and (rows is None or _local(given, trial, rows) < LOCAL)
     enough = enough and (change.name != "column_unit" or _right_unit(change, given, trial))
-    compelling = evidence > -np.log(LEVEL) and enough and fit.below <= before.below
+    compelling = evidence > -np.log(LEVEL) and enough and near and fit.below <= before.below
     return Mistake(
         name=change.name,
         value=change.value,
@@ -326,6 +333,12 @@ def _right_unit(change: ConventionChange, given: Linearized, fit: Linearized) ->
     forces = change.column.startswith("f")
     chi2, most = fit.estimates.chi2, _NOISE * fit.estimates.dof
     return chi2 < _UNIT * given.estimates.chi2 and not (forces and fit.stated and chi2 > most)
+
+
+def _near_noise(fit: Linearized, given: Linearized) -> bool:
+    """Whether a fit is near the stated noise, or leaves hardly anything of what was left as given."""
+    chi2 = fit.estimates.chi2
+    return chi2 < _NEAR_NOISE * fit.estimates.dof or chi2 < _MOST_OF_IT * given.estimates.chi2
 
 
 def _local(given: Linearized, fit: Linearized, rows: Indices) -> float:
@@ -401,6 +414,18 @@ def _moved(given: Linearized, readings: Readings) -> bool:
     """Whether readings in a frame that is to be found are others than before: then the frame is, too."""
     changed = np.any(given.rows.measured != readings.value[given.keep], axis=1, where=given.rows.mask)
     return bool(np.isin(given.rows.frame[changed], given.rows.estimated).any())
+
+
+def _run(given: Linearized) -> list[Mistake]:
+    """A run of rows that hold other values, where that is beyond doubt."""
+    found, readings = run_of_rows(given), given.readings
+    if found is None:
+        return []
+    changed = readings.with_values(found.value).masked(np.isin(np.arange(len(readings)), found.lost))
+    words = f"{lines(readings, found.rows)}: {found.words}"
+    change = ConventionChange(found.name, 1.0, words, given.experiment, readings=changed)
+    judged = _judge(change, given, _one(change, given), len(readings) ** 2, found.rows)
+    return [judged] if judged is not None and judged.compelling else []
 
 
 def _mistakes(given: Linearized) -> list[tuple[ConventionChange, Linearized, int, Indices]]:

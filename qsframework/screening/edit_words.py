@@ -55,7 +55,7 @@ def _block(e: Edit) -> str:
     if e.slip == FRAME:
         return "the tracker stood elsewhere, so that these rows are a series of their own"
     if e.slip == LOST:
-        return "no other load, unit, sign or place of the tracker mends it; the rows are not used"
+        return "no other load, unit, sign or place of the tracker that was tried mends it; the rows are not used"
     return "the readings have the other sign" if e.slip == SIGN else f"the unit differs by a factor of {e.meant:.4g}"
 
 

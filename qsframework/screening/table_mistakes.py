@@ -45,6 +45,8 @@ _STANDS = 2.0
 _ONE = 6.0
 """The same where it is one reading or one cell, as outliers are; or an angle that no slip leads to."""
 _PLAIN = 4.0
+_BELOW = 0.1
+"""Of the stated noise: readings that scatter less are in another unit, before any row is wrong."""
 _GROSS = 16.0
 """How much worse a gross reading, or a gear that gives, may explain a pose and still be the likelier cause."""
 _GIVES = 5e-3
@@ -92,7 +94,7 @@ class Mend:
 
 def table_mistakes(standing: Standing) -> tuple[Mend, ...]:
     """Mistakes in single rows and poses, the plainest first; none is the rule."""
-    if not standing.wrong.any():
+    if not standing.wrong.any() or (standing.readings.stated and standing.unit < _BELOW):
         return ()
     run = block(standing)
     if run is not None:

@@ -164,8 +164,10 @@ def test_the_lack_of_fit_is_said(p_chi2: float, p_replicates: float, words: tupl
 
 def test_a_misfit_without_a_place_is_unexplained_and_said() -> None:
     bad = lack(1e-9, np.nan)
-    assert verdict_of((), (), bad, False) == "unexplained"
-    assert verdict_of((), (), lack(0.5, 0.5), False) == "none"
+    audit = quiet(0).audit
+    assert verdict_of((), (), bad, audit, False) == "unexplained"
+    assert verdict_of((), (), lack(0.5, 0.5), audit, False) == "none"
+    assert verdict_of((), (), lack(0.5, 0.5), replace(audit, unit=3.5), False) == "unexplained"
 
 
 def test_what_no_place_explains_is_said_with_where_it_is_and_what_would_tell() -> None:

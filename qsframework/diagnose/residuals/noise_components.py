@@ -23,6 +23,10 @@ FEWEST = 10
 """Degrees of freedom below which nothing is said about the noise."""
 
 
+_MISSTATED = 3.0
+"""Times a stated noise from which on something else makes the readings scatter."""
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class NoiseAudit:
     """What the readings say about their noise.
@@ -48,6 +52,11 @@ class NoiseAudit:
     repeated: bool
     stated: bool
     level: float
+
+    @property
+    def refuted(self) -> bool:
+        """Whether the readings scatter so much more than is stated that nobody misstated an instrument's noise."""
+        return self.stated and self.unit > _MISSTATED
 
     @property
     def heavy_tailed(self) -> bool:

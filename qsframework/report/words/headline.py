@@ -57,10 +57,7 @@ def _nothing(found: Diagnosis) -> str:
 
 def _unexplained(found: Diagnosis) -> str:
     e = found.rms.space
-    if found.leftovers:
-        what = f"{_left(found)}, as no cause of the library does"
-    else:
-        what = f"more is left than the noise allows, most of it at {poses_words(worst_poses(found, _WORST))}"
+    what = f"{_left(found)}, as no cause of the library does" if found.leftovers else _too_much(found)
     t = found.learned
     if t is not None and t.holds:
         before, after = (mm(found.rms.in_space(v)) for v in (t.before, t.heldout))
@@ -69,6 +66,14 @@ def _unexplained(found: Diagnosis) -> str:
     return (
         f"Unexplained: {what}; the held-out error stays at {mm(e.heldout_identified)} mm (3D RMS, noise {mm(e.noise)})."
     )
+
+
+def _too_much(found: Diagnosis) -> str:
+    """That more is left than noise, and where."""
+    where = f"most of it at {poses_words(worst_poses(found, _WORST))}"
+    if found.audit.refuted:
+        return f"the readings scatter {found.audit.unit:.3g} times as much as their noise is stated, {where}"
+    return f"more is left than the noise allows, {where}"
 
 
 def _left(found: Diagnosis) -> str:
@@ -97,8 +102,8 @@ def _reasons(found: Diagnosis) -> Iterator[str]:
         return
     if found.leftovers:
         yield f"{_left(found)}, which nothing explains yet"
-    elif misfits(found.after):
-        yield f"more is left than the noise allows, most of it at {poses_words(worst_poses(found, _WORST))}"
+    elif misfits(found.after) or found.audit.refuted:
+        yield _too_much(found)
     if found.doubtful:
         yield f"{names_words(found.doubtful)} {'is' if len(found.doubtful) == 1 else 'are'} doubtful"
     for f in found.sure:
