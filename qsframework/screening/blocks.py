@@ -95,13 +95,17 @@ def _run(standing: Standing) -> tuple[int, ...] | None:
 
 
 def _forces(standing: Standing, group: Group) -> Iterator[Edit]:
-    """The force of all poses so many times as large, as the readings tell it."""
+    """The force of all poses that of a load of the experiment, or so many times as large, as the readings tell it."""
     readings = standing.readings
     start = plain(readings, group, "block", FORCE)
     loaded = readings.states.loaded[group.states]
     if not start.wrench[loaded].any():
         return
     whitened = factor(standing, start)
+    for load in standing.experiment.loads:
+        hung = np.where(loaded[:, None], load.wrench, start.wrench)
+        if not np.allclose(hung, start.wrench):
+            yield replace(start, wrench=hung, column="force", other=load.name)
 
     def scaled(c: float) -> Edit:
         wrench = np.where(loaded[:, None], c * start.wrench, start.wrench)

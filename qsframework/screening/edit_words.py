@@ -51,7 +51,8 @@ def _what(readings: Readings, e: Edit) -> str:
 
 def _block(e: Edit) -> str:
     if e.slip == FORCE:
-        return f"the force there is {e.meant:.4g} times what the table says"
+        said = f"that of load {e.other}" if e.other else f"{e.meant:.4g} times what the table says"
+        return f"the force there is {said}"
     if e.slip == FRAME:
         return "the tracker stood elsewhere, so that these rows are a series of their own"
     if e.slip == LOST:

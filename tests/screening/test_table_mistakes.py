@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from independent import Campaign, Mount, Setting, add_mounts, noisy, write_campaign
+from independent import Campaign, Mount, Setting, add_mounts, forces, noisy, write_campaign
 from independent_arm import ARMS, Hidden
 
 from qsframework.cli.check import check_files
 from qsframework.diagnose import diagnose
-from qsframework.experiment import Experiment, Readings, load_experiment, read_readings
+from qsframework.experiment import Experiment, LoadCase, Readings, load_experiment, read_readings
 from qsframework.plugin import Array
 from qsframework.report.result_json import diagnosis_json
 from qsframework.screening import Mistake, adopted, find_mistakes
@@ -226,3 +226,21 @@ def test_what_stands_still_and_moves_is_no_other_unit(first: int, tmp_path: Path
     named = found(experiment, readings.with_values(metres))
     assert [m.name.partition("[")[0] for m in named] == ["block" if first == 16 else "value"]
     assert (first == 23) != ("factor of 0.001" in named[0].words)
+
+
+def test_a_run_under_another_load_of_the_experiment_is_named_with_it(tmp_path: Path) -> None:
+    """The last poses say the load of the first one, and hung under another that the experiment lists."""
+    setting = Setting(ARMS["heavy"], 24, 3, loads="many")
+    pull = forces(setting)[np.arange(24) % 6]
+    side = pull[0] + np.array([0.0, 0.7 * np.linalg.norm(pull[0]), 0.0])
+    pull[20:] = side
+    campaign = Campaign(replace(setting, pull=pull))
+    write_campaign(campaign, noisy(campaign, campaign.clean(Hidden())), tmp_path)
+    experiment, readings = loaded(tmp_path)
+    late = np.array([int(p[1:]) > 20 for p in readings.states.pose]) & readings.states.loaded
+    said = np.where(late[:, None], readings.poses.wrench[readings.states.loaded][0], readings.poses.wrench)
+    load = LoadCase("side", np.concatenate([side, np.zeros(3)]), None)
+    spoiled = readings.with_poses(replace(readings.poses, wrench=said))
+    (one,) = found(experiment.with_(loads=(load,)), spoiled)
+    assert one.name == "block[p21/p24]"
+    assert "the force there is that of load side" in one.words
