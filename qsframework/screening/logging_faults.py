@@ -40,13 +40,9 @@ def _gain(fit: Linearized, before: float, after: float) -> float:
     return fit.fit.dof * float(np.log(max(before, 1e-300) / max(after, 1e-300)))
 
 
-def swapped_markers(fit: Linearized, level: float) -> Found:
-    """Two or three markers of one state, or of all states, that fit much better exchanged."""
-    return [(np.unique(order), words) for order, words in exchanges(fit, level)]
-
-
 def exchanges(fit: Linearized, level: float) -> Found:
-    """Such exchanges as orders (k, 2): a row of the readings, and the row whose value it should have."""
+    """Two or three markers of one state, or of all states, that fit much better exchanged, as orders (k, 2): a row of
+    the readings, and the row whose value it should have."""
     of, marker = fit.rows.plus, fit.rows.marker
     kind = 2 * fit.rows.frame + (fit.rows.minus < 0)
     gauge = fit.readings.is_gauge[fit.keep]
@@ -307,21 +303,6 @@ def _stuck(fit: Linearized, seen: Visits, stuck: Indices, level: float) -> tuple
         if drop > 0.0 and p * len(stuck) < level:
             without -= float(drop)
             out.append(Slipped(seen, int(v), int(v), 1))
-    return out, without
-    label = np.where(np.isin(seen.of, stuck), seen.of, -1)[fit.row]
-    alone = fit.fit.held_out(label)
-    every = fit.fit.p_values(alone.chi2_drop, alone.size)
-    for drop, v, p in zip(alone.chi2_drop, alone.label, every, strict=True):
-        if drop > 0.0 and p * len(stuck) < level:
-            without -= float(drop)
-            rows = fit.keep[seen.of == v]
-            pose = fit.readings.states.pose[seen.states[int(v)][0]]
-            told = ", ".join(str(fit.readings.line[i]) for i in rows)
-            words = (
-                f"rows {told} (pose {pose}): the angles are those of the pose before, and the readings do not fit "
-                "there: they were logged too early"
-            )
-            out.append(Slipped(rows, words, 1, seen))
     return out, without
 
 
