@@ -158,7 +158,6 @@ def _misfit(fit: LackOfFit) -> dict[str, Any]:
     return {
         "chi2": fit.square,
         "dof": fit.dof,
-        "p_chi2": _number(fit.p_chi2),
         "p_replicates": _number(fit.p_replicates),
         "dof_replicates": fit.free_replicates,
         "trends": [{"variable": t.variable, "p_value": t.p_value, "share": t.share} for t in fit.trends],

@@ -130,49 +130,37 @@ def test_the_axes_of_the_arm_are_orthonormal_with_and_without_weight() -> None:
     np.testing.assert_allclose(arm_axes(floating, rows)[:, :, 2], np.tile([0, 0, 1.0], (18, 1)))
 
 
-def lack(p_chi2: float, p_replicates: float) -> LackOfFit:
-    """A lack of fit with given p-values."""
-    fields: dict[str, Any] = {name: 0 for name in LackOfFit.__dataclass_fields__}
-    fields |= {
-        "square": 40.0,
-        "dof": 10,
-        "p_chi2": p_chi2,
-        "p_replicates": p_replicates,
-        "free_replicates": 7,
-        "trends": (),
-    }
-    return LackOfFit(**fields)
+def lack(p_replicates: float) -> LackOfFit:
+    """A lack of fit with a given p-value."""
+    return LackOfFit(40.0, 10, p_replicates, free_replicates=7, trends=())
 
 
 @pytest.mark.parametrize(
-    ("p_chi2", "p_replicates", "words"),
+    ("p_replicates", "words"),
     [
-        (1e-9, np.nan, ("do not fit the noise: 2.00 times",)),
-        (0.4, np.nan, ("The residuals fit the noise",)),
-        (np.nan, 1e-9, ("larger than the replicates' scatter",)),
-        (np.nan, 0.3, ("as large as the replicates' scatter",)),
-        (0.4, 1e-9, ("The residuals fit", "larger than")),
-        (np.nan, np.nan, ()),
+        (1e-9, ("larger than the replicates' scatter",)),
+        (0.3, ("as large as the replicates' scatter",)),
+        (np.nan, ()),
     ],
 )
-def test_the_lack_of_fit_is_said(p_chi2: float, p_replicates: float, words: tuple[str, ...]) -> None:
-    said = misfit_words(lack(p_chi2, p_replicates), 0.01)
+def test_the_lack_of_fit_is_said(p_replicates: float, words: tuple[str, ...]) -> None:
+    said = misfit_words(lack(p_replicates), 0.01)
     assert len(said) == len(words)
     assert all(word in text for word, text in zip(words, said, strict=True))
-    assert misfits(lack(p_chi2, p_replicates)) == (np.nanmin([p_chi2, p_replicates, 1.0]) < 1e-3)
+    assert misfits(lack(p_replicates)) == (p_replicates < 1e-3)
 
 
 def test_a_misfit_without_a_place_is_unexplained_and_said() -> None:
-    bad = lack(1e-9, np.nan)
+    bad = lack(1e-9)
     audit = quiet(0).audit
     assert verdict_of((), (), bad, audit, False) == "unexplained"
-    assert verdict_of((), (), lack(0.5, 0.5), audit, False) == "none"
-    assert verdict_of((), (), lack(0.5, 0.5), replace(audit, unit=3.5), False) == "unexplained"
+    assert verdict_of((), (), lack(0.5), audit, False) == "none"
+    assert verdict_of((), (), lack(0.5), replace(audit, unit=3.5), False) == "unexplained"
 
 
 def test_what_no_place_explains_is_said_with_where_it_is_and_what_would_tell() -> None:
     calm = quiet(3)
-    bad = replace(calm.after, p_chi2=1e-9)
+    bad = replace(calm.after, p_replicates=1e-9)
     found = replace(calm, verdict="unexplained", findings=(), leftovers=(), after=bad, outliers=np.array([0, 1]))
     said = diagnosis_words(found)
     worst = worst_poses(found, 3)

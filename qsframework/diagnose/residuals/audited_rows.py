@@ -186,7 +186,6 @@ def misfit(experiment: Experiment, readings: Readings, rows: ReadingRows, fit: S
         columns,
         replicates(readings, rows),
         variables_of(experiment, rows),
-        False,
         axes,
         mask=rows.mask,
     )

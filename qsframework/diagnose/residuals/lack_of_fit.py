@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from qsframework.diagnose.residuals.noise_components import pure_dof, replicate_basis
 from qsframework.estimation import LinearFit, orthonormal
 from qsframework.estimation.projection import Flags
-from qsframework.estimation.tails import chi2_sf, f_sf
+from qsframework.estimation.tails import f_sf
 from qsframework.experiment import Experiment
 from qsframework.experiment.observations import ReadingRows
 from qsframework.plugin import Array, Indices
@@ -40,22 +40,15 @@ class Trend:
 
 @dataclass(frozen=True)
 class LackOfFit:
-    """square, dof: of the whitened residuals; p_chi2 against the noise, NaN where its size was taken from residuals;
-    p_replicates: F test against pure error with free_replicates degrees of freedom, NaN without replicates;
-    trends: one for each variable, the strongest first."""
+    """square, dof: of the whitened residuals, whose noise may have any size; p_replicates: F test against pure error
+    with free_replicates degrees of freedom, NaN without replicates; trends: one for each variable, the strongest first.
+    """
 
     square: float
     dof: int
-    p_chi2: float
     p_replicates: float
     free_replicates: int
     trends: tuple[Trend, ...]
-
-    def fails(self, level: float = 0.01) -> bool:
-        """Whether any of the tests says at this level, all counted, that something is missing."""
-        p = [v for v in (self.p_chi2, self.p_replicates) if np.isfinite(v)]
-        p += [min((t.p_value for t in self.trends), default=1.0)]
-        return min(p) * len(p) < level
 
 
 def lack_of_fit(
@@ -63,27 +56,20 @@ def lack_of_fit(
     columns: Array,
     replicate: Indices,
     variables: Mapping[str, Array],
-    known: bool = True,
     shapes: Array | None = None,
     mask: Flags | None = None,
 ) -> LackOfFit:
     """Test whitened residuals (R, 3) of a fit with whitened columns (R, 3, p), freely estimated.
 
     replicate (R,): equal where pose, load and marker are; variables: (R,) numbers by name, or labels (text, whole
-    numbers of a label are text too); known: whether the size of the noise is known from elsewhere than these
-    residuals; shapes (R, 3, d): vector fields that a smooth function of a variable may multiply, by default the
-    three axes of the base; mask (R, 3): what was measured, None: all
+    numbers of a label are text too); shapes (R, 3, d): vector fields that a smooth function of a variable may
+    multiply, by default the three axes of the base; mask (R, 3): what was measured, None: all
     """
     fit = LinearFit.onto(orthonormal(columns.reshape(white.size, -1)), white, mask)
-    p_chi2 = _chi2(fit.chi2, fit.dof) if known else np.nan
     p_replicates, free = _replicates(fit, replicate, mask)
     shapes = np.broadcast_to(np.eye(3), (*white.shape, 3)) if shapes is None else shapes
-    trends = _trends(fit, variables, shapes, known, mask)
-    return LackOfFit(fit.chi2, fit.dof, p_chi2, p_replicates, free, trends)
-
-
-def _chi2(square: float, dof: int) -> float:
-    return float(chi2_sf(square, dof)) if dof > 0 else np.nan
+    trends = _trends(fit, variables, shapes, mask)
+    return LackOfFit(fit.chi2, fit.dof, p_replicates, free, trends)
 
 
 def _replicates(fit: LinearFit, replicate: Indices, mask: Flags | None) -> tuple[float, int]:
@@ -96,37 +82,27 @@ def _replicates(fit: LinearFit, replicate: Indices, mask: Flags | None) -> tuple
     return float(f_sf(max(lack, 0.0) / dof / (pure.chi2 / pure.dof), dof, pure.dof)), pure.dof
 
 
-def _trends(
-    fit: LinearFit, variables: Mapping[str, Array], shapes: Array, known: bool, mask: Flags | None
-) -> tuple[Trend, ...]:
+def _trends(fit: LinearFit, variables: Mapping[str, Array], shapes: Array, mask: Flags | None) -> tuple[Trend, ...]:
     """Residuals regressed on each variable, its columns taken beside the fit and beside the shapes themselves."""
     constant = shapes.reshape(len(fit.white), -1)
-    around = LinearFit.onto(orthonormal(np.hstack([fit.Q, constant])), fit.white, mask)
-    inside, total = around.white, around.chi2
+    around = replace(LinearFit.onto(orthonormal(np.hstack([fit.Q, constant])), fit.white, mask), stated=False)
     found: list[tuple[str, float, float, int]] = []
     for name, values in variables.items():
         Q = _trend_columns(values, shapes, around)
         if Q.shape[1] == 0 or around.dof <= Q.shape[1]:
             continue
-        square = float(np.square(Q.T @ inside).sum())
-        found.append((name, _p_value(square, Q.shape[1], total, around.dof, known), square, Q.shape[1]))
+        square = float(np.square(Q.T @ around.white).sum())
+        found.append((name, float(around.p_values(square, Q.shape[1])), square, Q.shape[1]))
     found.sort(key=lambda t: t[1])
     out: list[Trend] = []
     adjusted = 0.0
     for i, (name, p, square, dof) in enumerate(found):
         adjusted = min(1.0, max(adjusted, p * (len(found) - i)))
-        share = square / total if total > 0.0 else 0.0
+        share = square / around.chi2 if around.chi2 > 0.0 else 0.0
         out.append(
             Trend(variable=name, p_raw=p, p_value=adjusted, square=square, dof=dof, free=around.dof, share=share)
         )
     return tuple(out)
-
-
-def _p_value(square: float, dof: int, total: float, free: int, known: bool) -> float:
-    if known:
-        return _chi2(square, dof)
-    rest = max(total - square, 1e-300) / (free - dof)
-    return float(f_sf(square / dof / rest, dof, free - dof))
 
 
 def _trend_columns(values: Array, shapes: Array, around: LinearFit) -> Array:

@@ -83,7 +83,6 @@ def alternative_set(
     given: Sequence[int],
     exact: Mapping[int, float],
     seed: int = 0,
-    confidence: float = CONFIDENCE,
     without: Sequence[int] = (),
 ) -> tuple[int, ...]:
     """Causes that may stand in the place of `named` beside the `given` ones, the likeliest first; never the named.
@@ -100,11 +99,11 @@ def alternative_set(
     rng = np.random.default_rng(seed)
     values, vectors = np.linalg.eigh(race.G)
     noise = race.parts(rng.standard_normal((_DRAWS, len(values))) @ (vectors * np.sqrt(np.maximum(values, 0.0))).T)
-    kept = [i for i in others if _possible(race, i, left[i] - left[named], noise, given, confidence)]
+    kept = [i for i in others if _possible(race, i, left[i] - left[named], noise, given)]
     return tuple(sorted(kept, key=lambda i: left[i]))
 
 
-def _possible(race: Contest, i: int, behind: float, noise: Array, given: Sequence[int], confidence: float) -> bool:
+def _possible(race: Contest, i: int, behind: float, noise: Array, given: Sequence[int]) -> bool:
     """Whether cause i, were it true, would be as far behind the best in a fair share of repeated measurements."""
     half = race.half[i]
     if not half.size:
@@ -116,4 +115,4 @@ def _possible(race: Contest, i: int, behind: float, noise: Array, given: Sequenc
     falls = race.falls(noise + race.parts(race.G[:, at] @ (half @ part)))
     falls[:, list(given)] = 0.0
     lost = falls.max(axis=1) - falls[:, i]
-    return bool(behind <= np.quantile(lost, confidence) + 1e-9)
+    return bool(behind <= np.quantile(lost, CONFIDENCE) + 1e-9)

@@ -72,10 +72,10 @@ def folds(pose: Indices, seed: int, repeats: int = REPEATS) -> Iterator[Indices]
         yield from _parts(pose, rng.permutation(poses), FOLDS)
 
 
-def parts_of_poses(pose: Indices, parts: int, seed: int = 0) -> Iterator[Indices]:
+def parts_of_poses(pose: Indices, parts: int) -> Iterator[Indices]:
     """Scalars (k,) of whole poses, in at most so many parts."""
     poses = np.unique(pose)
-    yield from _parts(pose, np.random.default_rng(seed).permutation(poses), min(parts, len(poses)))
+    yield from _parts(pose, np.random.default_rng(0).permutation(poses), min(parts, len(poses)))
 
 
 def _parts(pose: Indices, poses: Indices, count: int) -> Iterator[Indices]:

@@ -106,8 +106,8 @@ def smallest_angles(subspaces: Sequence[Subspace], i: int) -> Array:
     return _Directions(subspaces).angles(i)[0]
 
 
-def alias_classes(subspaces: Sequence[Subspace], angle: float = ALIKE) -> tuple[tuple[int, ...], ...]:
-    """Positions of visible causes that do the same to the readings: as many directions, all within `angle` (rad).
+def alias_classes(subspaces: Sequence[Subspace]) -> tuple[tuple[int, ...], ...]:
+    """Positions of visible causes that do the same to the readings: as many directions, all within ALIKE.
 
     Most classes have one member. The first member of a class stands for it.
     """
@@ -117,9 +117,9 @@ def alias_classes(subspaces: Sequence[Subspace], angle: float = ALIKE) -> tuple[
     for i, subspace in enumerate(subspaces):
         if i in home or not subspace.visible:
             continue
-        alike = directions.near(i, angle)
+        alike = directions.near(i, ALIKE)
         if len(alike):
-            alike = alike[directions.angles(i, False)[1][alike] < angle]
+            alike = alike[directions.angles(i, False)[1][alike] < ALIKE]
         members = [i, *(j for j in alike.tolist() if j not in home)]
         home.update({j: members for j in members})
         classes.append(members)

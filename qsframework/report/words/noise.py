@@ -50,13 +50,8 @@ def _unit(audit: NoiseAudit) -> str:
 
 
 def misfit_words(found: LackOfFit, level: float = 0.01) -> tuple[str, ...]:
-    """Whether residuals fit the noise and the replicates, and on what they depend."""
+    """Whether residuals fit the replicates, and on what they depend."""
     said: list[str] = []
-    if np.isfinite(found.p_chi2):
-        verdict = "do not fit" if found.p_chi2 < level else "fit"
-        ratio = np.sqrt(found.square / found.dof)
-        size = f"{ratio:.2f} times as large, {found.dof} degrees of freedom (p = {found.p_chi2:.2g})"
-        said.append(f"The residuals {verdict} the noise: {size}.")
     if np.isfinite(found.p_replicates):
         verdict = "larger than" if found.p_replicates < level else "as large as"
         free = f"p = {found.p_replicates:.2g}, {found.free_replicates} degrees of freedom of the replicates"
