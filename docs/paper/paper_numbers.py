@@ -11,7 +11,7 @@ import numpy as np
 from paper_steps import loss_range, planar_rows, step_one_covariance, stiffness_rows
 
 from qsframework.design import CRITERIA
-from qsframework.information.two_step import step_two_information
+from qsframework.identify.two_step import step_two_information
 from qsframework.plugin import Array
 
 CRITERIA_NAMES = ("A", "D", "O3")

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from qsframework.information.two_step import distinct_angles
+from qsframework.identify.two_step import distinct_angles
 from qsframework.plugin import Array
 
 

@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from qsframework.estimation import LinearFit, scales
 from qsframework.estimation.variance_component import variance_component
 from qsframework.experiment import Experiment, ObservationModel, Readings
 from qsframework.plugin import Array, Indices
+from qsframework.screening.linearized import of_observations
 from qsframework.screening.outliers import widened
 
 _STEPS = (10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1)
@@ -48,9 +48,7 @@ def rounded_angles(experiment: Experiment, readings: Readings) -> Rounded | None
     step = _step(experiment, seen)
     if step is None or (rows.minus >= 0).all():  # what both states share, a displacement hardly shows
         return None
-    size = scales(list(seen.parameters))
-    predicted, J = rows.rates(seen.model, seen.x, seen.frames, seen.names, linear=True)
-    fit = LinearFit.of(rows.flat(J) * size, rows.scalars - rows.flat(predicted), rows.noise, rows.stated)
+    fit = of_observations(experiment, seen).fit
     if fit.dof < _FEWEST:
         return None
     turned = rows.noise.whiten(rows.flat(_turned(experiment, seen)))

@@ -13,8 +13,7 @@ from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Plan, Readings, make_plan, make_rows, observation_model, simulate
 from qsframework.identify import EstimateState, Fit, identify
 from qsframework.identify.fit import Found
-from qsframework.identify.two_step import _StepOne, find_balanced, two_step  # pyright: ignore[reportPrivateUsage]
-from qsframework.information.two_step import distinct_angles
+from qsframework.identify.two_step import _StepOne, distinct_angles, find_balanced, two_step  # pyright: ignore[reportPrivateUsage]
 from qsframework.plugin import Array, Poses, build_effects
 from tests.identify.arm import shared_unloaded, spoilt, with_sigma
 
