@@ -325,10 +325,8 @@ def _account(base: _Baseline, findings: Sequence[NamedCause]) -> Account:
 
 def _pose_names(base: _Baseline) -> list[str]:
     """Names of the poses by the number that the rows give them."""
-    names = [""] * (int(base.rows.pose.max()) + 1)
-    for number, name in zip(base.rows.pose.tolist(), base.rows.pose_names, strict=True):
-        names[number] = name
-    return names
+    names = dict(zip(base.rows.pose.tolist(), base.rows.pose_names, strict=True))
+    return [names.get(number, "") for number in range(max(names) + 1)]
 
 
 def _convention_findings(conventions: Sequence[Mistake]) -> tuple[NamedCause, ...]:

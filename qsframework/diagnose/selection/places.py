@@ -351,23 +351,26 @@ class _Race:
         return float(np.logaddexp.reduce(out)) - self.nothing
 
     def alike(self, every: Sequence[list[PlaceMotion]]) -> list[list[list[PlaceMotion]]]:
-        """The places by groups of one motion, the likeliest first."""
-        groups: list[list[list[PlaceMotion]]] = []
+        """The places by groups of one motion, the likeliest first: some likely axes of one move all readings as some of
+        the other do, visit by visit."""
+        groups: list[tuple[list[_Moves], list[list[PlaceMotion]]]] = []
         for own in sorted(every, key=lambda own: -_total(own)):
-            home = next((g for g in groups if self._one_motion(g[0], own)), None)
+            moves = [self._moves(e) for e in _likely(own)]
+            home = next((g for first, g in groups if any(_same(a, b) for a in first for b in moves)), None)
             if home is None:
-                groups.append([own])
+                groups.append((moves, [own]))
             else:
                 home.append(own)
-        return groups
+        return [group for _, group in groups]
 
-    def _one_motion(self, first: list[PlaceMotion], second: list[PlaceMotion]) -> bool:
-        """Whether some likely axes of one place move all readings as some of the other do, visit by visit."""
-        return any(self._same(a, b) for a in _likely(first) for b in _likely(second) if len(a.at) == len(b.at))
+    def _moves(self, e: PlaceMotion) -> _Moves:
+        J = self.white(self.visits.apart(e.place.plus[..., list(e.at)]), self.noises[0])
+        U, size, _ = np.linalg.svd(J, full_matrices=False)
+        return J, np.where((size > 1e-6 * max(float(size.max(initial=0.0)), 1e-300))[:, None], U, 0.0)
 
-    def _same(self, a: PlaceMotion, b: PlaceMotion) -> bool:
-        J, K = (self.white(self.visits.apart(e.place.plus[..., list(e.at)]), self.noises[0]) for e in (a, b))
-        return max(_left(J, K), _left(K, J)) < _ALIKE
+
+_Moves = tuple[Array, Array]
+"""What a motion does to the readings (G, r, c), whitened, group by group, and its orthonormal directions."""
 
 
 def _likely(own: Sequence[PlaceMotion]) -> list[PlaceMotion]:
@@ -378,10 +381,13 @@ def _likely(own: Sequence[PlaceMotion]) -> list[PlaceMotion]:
     return [e for e in free if e.law.axis in axes]
 
 
-def _left(J: Array, K: Array) -> float:
-    """Share of motions J (G, r, c) that motions K (G, r, c) of the same visits cannot do."""
-    U, size, _ = np.linalg.svd(K, full_matrices=False)
-    U = np.where((size > 1e-6 * max(float(size.max(initial=0.0)), 1e-300))[:, None], U, 0.0)
+def _same(a: _Moves, b: _Moves) -> bool:
+    """Whether neither of two motions of as many axes can do what the other cannot."""
+    return a[0].shape == b[0].shape and max(_left(a[0], b[1]), _left(b[0], a[1])) < _ALIKE
+
+
+def _left(J: Array, U: Array) -> float:
+    """Share of a motion (G, r, c) that directions U (G, r, c) of the same visits do not reach."""
     rest = J - U @ (U.transpose(0, 2, 1) @ J)
     return float(np.linalg.norm(rest) / (np.linalg.norm(J) or 1.0))
 
