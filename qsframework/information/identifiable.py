@@ -66,16 +66,14 @@ def choose(rows: Array, names: Sequence[str], limits: Array) -> tuple[list[int],
             continue
         sd = np.inf if redundant or new < _NOTHING else 1.0 / new
         seen = size > max(_NOTHING, 1e-12 * largest)
-        left.append(NotEstimated(names[c], _absorbers(R, taken, column, names) if seen else (), sd))
+        left.append(NotEstimated(names[c], _absorbers(R, basis, taken, column, names) if seen else (), sd))
     return taken, tuple(left)
 
 
-def _absorbers(R: Array, taken: Sequence[int], column: Array, names: Sequence[str]) -> tuple[str, ...]:
-    """The taken columns that make up most of a column, largest share first."""
-    if not taken:
-        return ()
+def _absorbers(R: Array, basis: Array, taken: Sequence[int], column: Array, names: Sequence[str]) -> tuple[str, ...]:
+    """The taken columns, of an orthonormal basis, that make up most of a column, largest share first."""
     chosen = R[:, list(taken)]
-    share = np.abs(np.linalg.lstsq(chosen, column, rcond=None)[0]) * np.linalg.norm(chosen, axis=0)
+    share = np.abs(np.linalg.solve(basis.T @ chosen, basis.T @ column)) * np.linalg.norm(chosen, axis=0)
     order = [i for i in np.argsort(-share, kind="stable")[:_NAMED] if share[i] >= _SHARE * np.linalg.norm(column)]
     return tuple(names[taken[int(i)]] for i in order)
 
