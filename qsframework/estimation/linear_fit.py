@@ -194,10 +194,10 @@ class Whitened:
         By normal equations in columns of one size: what they lose of digits is far below a gross error.
         """
         ridge = np.zeros(self.A.shape[1]) if self.held is None else (self.held * unit) ** 2
-        size = np.sqrt(weight @ self.A**2 + ridge)
+        products = (self.A * weight[:, None]).T @ self.A + np.diag(ridge)
+        size = np.sqrt(np.diag(products))
         kept = size > 1e-12 * max(float(size.max(initial=0.0)), 1e-300)
-        B = self.A[:, kept] / size[kept]
-        values, V = np.linalg.eigh((B * weight[:, None]).T @ B + np.diag(ridge[kept] / size[kept] ** 2))
+        values, V = np.linalg.eigh(products[np.ix_(kept, kept)] / np.outer(size[kept], size[kept]))
         told = values > _TOLD * values.max(initial=0.0)
         half = np.zeros((len(size), int(told.sum())))
         half[kept] = V[:, told] / np.sqrt(values[told]) / size[kept, None]
