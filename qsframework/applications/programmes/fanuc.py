@@ -40,6 +40,9 @@ _OPTIONS = {
     "INC": "it is relative to where the arm stands",
     "COORD": "it is coordinated with a positioner, which moves its user frame",
 }
+_SENSORS = ("TRACK", "SOFTFLOAT", "SENSOR_ON", "SENSOR_OFF")
+_ANY = "?"
+"""Any number of UFRAME and UTOOL."""
 _SHIFT = re.compile(r"(TOOL_)?V?OFFSET")
 _CELL = re.compile(r"[JE][1-9]|[XYZWPR]")
 
@@ -57,24 +60,53 @@ def read(path: Path, text: str) -> Parts:
         raise InputError(Problem(message, str(path), 1, allowed="/PROG, /ATTR, /MN, /POS, /END"))
     points = positions(path, sections["/POS"])
     lines = list(_lines(path, sections["/MN"][1:]))
-    set_in = {
-        (line.upper[0], line.upper[2]): line.line for line in lines if line.upper[1:2] == ["["] and "=" in line.upper
-    }
+    set_in = {key: line.line for line in reversed(lines) if line.remark is None for key in _sets(line)}
     points = [_set_when_it_runs(point, set_in) for point in points]
     conveyor = "LINE_TRACK_SCHEDULE_NUMBER" in (words := [t.text for t in sections.get("/APPL", ())])
     conveyor = conveyor and words[words.index("LINE_TRACK_SCHEDULE_NUMBER") + 2] != "0"
-    known = dict.fromkeys(p.name for p in points)
-    motions = [m for line in lines if (m := _motion(line, known, conveyor)) is not None]
+    known, shifts = dict.fromkeys(p.name for p in points), list(_shifts(lines))
+    if any("JMP" in line.upper for line in lines):  # what holds at the end may hold from the beginning
+        shifts = list(_shifts(lines, shifts[-1]))
+    shifts = ["its points are relative to a conveyor (LINE_TRACK)" if conveyor else said for said in shifts]
+    motions = [m for line, said in zip(lines, shifts, strict=True) if (m := _motion(line, known, said)) is not None]
     return lines, points, motions, {}, {}
 
 
 def _set_when_it_runs(point: ProgrammePoint, set_in: Mapping[tuple[str, str], int]) -> ProgrammePoint:
     """A pose cannot be corrected where the programme itself sets its tool or its user frame, `UFRAME[2]=PR[5]`."""
-    for data, number_of in (("UFRAME", point.frame), ("UTOOL", point.tool)):
-        if point.cartesian and point.problem is None and (data, number_of) in set_in:
-            said = f"{point.name}: {data}[{number_of}] is set in line {set_in[data, number_of]} when the programme runs"
+    own = (
+        ("UFRAME", point.frame, point.cartesian),
+        ("UTOOL", point.tool, point.cartesian),
+        ("P", point.name[2:-1], True),
+    )
+    for data, number_of, concerned in own:
+        line = set_in.get((data, number_of), set_in.get((data, _ANY)))
+        if concerned and point.problem is None and line is not None:
+            said = f"{point.name}: {data}[{number_of}] is set in line {line} when the programme runs"
             return replace(point, problem=Problem(said, str(point.path), point.line))
     return point
+
+
+def _sets(line: SourceStatement) -> Iterator[tuple[str, str]]:
+    """The data and their numbers that a line sets: `UFRAME[2]=PR[5]`, `UTOOL[R[1]]=...`, `$MNUFRAME[1,2]=...`."""
+    words = line.upper
+    for k, word in enumerate(words):
+        system = k and words[k - 1] == "$" and word in ("MNUFRAME", "MNUTOOL", "UFRAME", "UTOOL")
+        if system and "=" in words[k:]:
+            yield word.removeprefix("MN"), _ANY
+        inside = bracketed(line.tokens, k + 1) if word in ("UFRAME", "UTOOL", "P") else None
+        if inside and words[k + len(inside) + 3 :][:1] == ["="]:
+            yield word, inside[0].text if inside[0].kind == "number" else _ANY
+
+
+def _shifts(lines: Sequence[SourceStatement], said: str = "") -> Iterator[str]:
+    """Why the path is shifted at each line, "" where it is not."""
+    for line in lines:
+        words = line.upper
+        if line.remark is None and (words[0] in _SENSORS or words[:2] == ["TOUCH", "OFFSET"]):
+            off = "END" in words or words[0] == "SENSOR_OFF"
+            said = "" if off else f"{shown(line.tokens)} in line {line.line} shifts it when it runs"
+        yield said
 
 
 def _lines(path: Path, tokens: Sequence[Token]) -> Iterator[SourceStatement]:
@@ -93,8 +125,8 @@ def _lines(path: Path, tokens: Sequence[Token]) -> Iterator[SourceStatement]:
         yield SourceStatement(path, tuple(own))
 
 
-def _motion(line: SourceStatement, known: dict[str, None], conveyor: bool) -> ProgrammeMotion | None:
-    """The motion of a line: J, L, C, A or S, and what is numbered in brackets."""
+def _motion(line: SourceStatement, known: dict[str, None], shift: str) -> ProgrammeMotion | None:
+    """The motion of a line: J, L, C, A or S, and what is numbered in brackets; shift: why it does not end there."""
     tokens, words = line.tokens, line.upper
     if words[0] not in _MOTIONS or len(tokens) < 3 or tokens[1].kind != "word" or words[2] != "[":
         return None
@@ -107,7 +139,7 @@ def _motion(line: SourceStatement, known: dict[str, None], conveyor: bool) -> Pr
     keep, problem = f"line {line.line}", None
     said = [_OPTIONS[w] for w in words[at:] if w in _OPTIONS]
     said += ["it is shifted by a register when it runs" for w in words[at:] if _SHIFT.fullmatch(w)]
-    said += ["its points are relative to a conveyor (LINE_TRACK)"] if conveyor else []
+    said += [shift] if shift else []
     targets = list[str]()
     for name in goes:
         if name in known:

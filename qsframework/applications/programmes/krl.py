@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
-from qsframework.applications.programmes.names import AMBIGUOUS, Names, Track
+from qsframework.applications.programmes.calls import Given, changing
+from qsframework.applications.programmes.names import AMBIGUOUS, GUIDED, Names, Track, guided, walked
 from qsframework.applications.programmes.poses import POSES, matrix
 from qsframework.applications.programmes.source import (
     NUMBER,
@@ -21,12 +22,15 @@ from qsframework.applications.programmes.source import (
     SourceStatement,
     Token,
     bracketed,
+    called,
     enclosed,
+    left_of,
     number,
     shown,
     split,
     statements,
     tokenise,
+    variable,
 )
 from qsframework.errors import InputError, Problem
 from qsframework.plugin import Array
@@ -46,6 +50,36 @@ _ENDS = ("WITH", "C_PTP", "C_DIS", "C_VEL", "C_ORI", "C_SPL", "C_JERK")
 _ALLOWED = "A1 to A6 or X, Y, Z, A, B, C, S, T; E1 to E6; each with a number"
 _REMOTE = "the tool stands in the cell (IPO_FRAME #TCP) and the arm holds the work, which is not corrected"
 _NULL = (["$NULLFRAME"], ["$WORLD"])
+_WORDS = {"IF", "WHILE", "UNTIL", "SWITCH", "CASE", "FOR", "TO", "STEP", "WHEN", "DO", "THEN", "RETURN", "WAIT", "SEC"}
+_WORDS |= {"AND", "OR", "NOT", "EXOR", "B_AND", "B_OR", "B_NOT", "B_EXOR"}
+"""Words that may stand before a bracket and call nothing."""
+_READS = {
+    "BAS",
+    "INVERSE",
+    "FORWARD",
+    "INV_POS",
+    "CWRITE",
+    "SWRITE",
+    "CAST_TO",
+    "VARSTATE",
+    "VARTYPE",
+    "EK",
+    "EB",
+    "EO",
+}
+_READS |= {"ABS", "SQRT", "SIN", "COS", "TAN", "ACOS", "ATAN2", "REAL", "MSGNOTIFY", "MSGQUIT", "MSGSTOP", "MSGDIALOG"}
+_READS |= {"SBASE", "STOOL", "STOOL2", "SIPO_MODE", "SLOAD", "SVEL_JOINT", "SVEL_CP", "SACC_JOINT", "SACC_CP"}
+_READS |= {"PULSE", "SGEAR_JERK", "SAPO", "SAPO_PTP", "SJERK", "STECH"}
+"""Routines of KRL that change no point which they are given."""
+_SENSOR = re.compile(
+    r"(?:RSI|ST|FTC|TRACC|CONV(?:EYOR)?|CVY|SEAM)_\w*(?:MOVECORR|ON1?|START|FOLLOW|TRACK)|ST_SKIPSENS|SET_TORQUE_LIMITS"
+)
+_SENSOR_OFF = re.compile(r"(?:RSI|ST|FTC|TRACC|CONV(?:EYOR)?|CVY|SEAM)_\w*(?:OFF|STOP|QUIT|END)|RESET_TORQUE_LIMITS")
+_CORRECTION = re.compile(r"\$(?:CORR|TECH)\w*")
+"""System variables of corrections of the path and of functions that move the tool about it."""
+_ELSEWHERE = "?"
+"""A parameter, given by reference, of a routine in another file."""
+_CHOICES = {"$TOOL": "tool", "$BASE": "base", "$IPO_MODE": "ipo"}
 _Move = tuple[SourceStatement, dict[str, str]]
 
 
@@ -77,19 +111,77 @@ def read(texts: Mapping[Path, str]) -> Parts:
     if problems:
         raise InputError(problems)
     names = Names(literal=literal, here=("$AXIS_ACT", "$POS_ACT", "$AXIS_INT"))
-    data, track, moves = _Data(_frames(lines)), Track(), list[_Move]()
-    for line in lines:
-        if line.remark is None:
-            _definitions(line, names)
+    data, code = _Data(_frames(lines)), [line for line in lines if line.remark is None]
+    for line in code:
+        _definitions(line, names)
+    upset = dict[int, list[str]]()
+    for given in _changing(code):
+        names.change(given.statement, given.variable, given.caller.text)
+        upset.setdefault(id(given.statement), []).append(given.variable.upper())
     data.fdat.update({k: (AMBIGUOUS, AMBIGUOUS, data.fdat[k][2]) for k in data.fdat if k in names.changes})
-    for line in lines:
-        if line.remark is None:
+
+    def walk(track: Track) -> list[_Move]:
+        moves = list[_Move]()
+        for line in code:
             _follow(line, track, data)
+            track.now |= {_CHOICES[name]: AMBIGUOUS for name in upset.get(id(line), ()) if name in _CHOICES}
             if (at := _verb(line)) is not None:
                 moves.append((line.after(at), track.here()))
-    motions = [_motion(line, here, names, data) for line, here in moves]
+        return moves
+
+    motions = [_motion(line, here, names, data) for line, here in walked(walk)]
     points = names.stated({f"X{key[1:]}": own[:2] for key, own in data.fdat.items() if key.startswith("F")})
-    return lines, points, motions, data.tools, data.bases
+    return lines, [_set_when_it_runs(point, names) for point in points], motions, data.tools, data.bases
+
+
+def _set_when_it_runs(point: ProgrammePoint, names: Names) -> ProgrammePoint:
+    """A pose cannot be corrected where the programme itself sets the data of its tool or of its base."""
+    data = {"TOOL_DATA": point.tool, "BASE_DATA": point.frame, "$ROBROOT": "", "$WORLD": ""}
+    for name in (n for kind, number_of in data.items() for n in (kind, f"{kind}[{number_of}]")):
+        given = names.points.get(name)
+        if point.cartesian and point.problem is None and (given or name in names.changes):
+            said = names.changes.get(name, f"{name} is set when the programme runs")
+            return replace(point, problem=Problem(f"{point.name}: {said}", str(point.path), point.line))
+    return point
+
+
+def _changing(lines: Sequence[SourceStatement]) -> list[Given]:
+    """The variables that routines are given which may change them."""
+    heads = [_head(line) for line in lines]
+    routines = {name: params for name, params, _ in filter(None, heads)}
+    assigned = {(name, _ELSEWHERE) for name in routines}  # what the routine of another file does is not known
+    given, within = list[Given](), ""
+    for line, head in zip(lines, heads, strict=True):
+        words = line.upper
+        if head is not None:
+            within = head[0] if head[2] else within
+            continue
+        assigned |= {(within, left[0].text.upper()) for left in _assigned(line)}
+        for k, parts in called(line.tokens, _WORDS):
+            moves = _verb(line) is not None and words[k] not in routines  # it computes a place
+            own = [(place, name) for place, part in enumerate(parts) if not moves and (name := variable(part))]
+            caller = line.tokens[k]
+            given += [Given(statement=line, within=within, caller=caller, place=p, variable=v) for p, v in own]
+    return changing(given, routines, assigned, _READS)
+
+
+def _head(line: SourceStatement) -> tuple[str, dict[int | str, str], bool] | None:
+    """The folded name of the routine that a line begins or declares, its parameters, and whether it begins there."""
+    words = line.upper
+    first = next((word for word in words if word not in _BEFORE), "")
+    if first not in ("DEF", "DEFFCT", "EXT", "EXTFCT") or "(" not in words:
+        return None
+    at, own = words.index("("), first.startswith("DEF")
+    parts = [[t.text.upper() for t in part] for part in split(bracketed(line.tokens, at) or ())]
+    params = ["" if part[-1:] == ["IN"] else part[0] if own else _ELSEWHERE for part in parts if part]
+    return words[at - 1], dict(enumerate(params)), own
+
+
+def _assigned(line: SourceStatement) -> Iterator[Sequence[Token]]:
+    """What stands on the left of each `=`."""
+    for k, token in enumerate(line.tokens):
+        if token.text == "=" and token.kind == "sign" and k:
+            yield line.tokens[left_of(line.tokens, k) : k]
 
 
 def taught(path: Path, text: str) -> list[ProgrammePoint]:
@@ -177,19 +269,22 @@ def _definitions(line: SourceStatement, names: Names) -> None:
             names.change(line, token.text)  # what a routine is given hides what is known by the same name
         return
     declared = words[at] in _TYPES and len(words) > at + 1
-    parts = split(line.tokens[at + declared :]) if declared or "=" in words else []
-    for part in parts if declared else [line.tokens[at:]]:
-        sides = split(part, "=")
-        named = sides[0]
-        if len(sides) != 2 or not named or named[0].kind != "word" or (len(named) == 1 and named[0].text[0] == "$"):
+    sides = [split(part, "=") for part in split(line.tokens[at + 1 :])] if declared else [split(line.tokens[at:], "=")]
+    plain = [pair for pair in sides if len(pair) == 2 and pair[0] and pair[0][0].kind == "word"]
+    plain = [(left, value) for left, value in plain if declared or left_of(line.tokens, at + len(left)) == at]
+    for left, value in plain:
+        own = left[: 4 if len(left) > 3 and variable(left) != left[0].text else 1]
+        whole, point = len(own) == len(left), names.literal(value)
+        if whole and own[0].text[0] == "$":
             continue
-        element = len(named) > 3 and named[1].text == "[" and named[2].kind == "number" and named[3].text == "]"
-        own = named[: 4 if element else 1]
-        whole, point = len(own) == len(named), names.literal(sides[1])
         if whole and (declared or names.fold(shown(own)) in names.points or (point and not point[1])):
-            names.give(line, shown(own), sides[1])
+            names.give(line, shown(own), value)
         else:
             names.change(line, shown(own))
+    others = [] if plain or declared else list(_assigned(line))
+    if others and (words[at] in ("FOR", "ELSE", "DEFAULT") or others[0][0] not in line.tokens[: at + 2]):
+        for left in others:  # behind other words, DO, FOR, ANIN ON; with one word before it is declared
+            names.change(line, variable(left))
 
 
 def _verb(line: SourceStatement) -> int | None:
@@ -205,8 +300,10 @@ def _follow(line: SourceStatement, track: Track, data: _Data) -> None:
     words = line.upper
     first = words[1] if words[0] == "GLOBAL" and len(words) > 1 else words[0]
     if first in ("DEF", "DEFFCT"):
-        track.reset()
-    elif first in _BEGIN:
+        track.reset(words[words.index("(") - 1] if "(" in words else "")
+        return
+    _shift(line, track)
+    if first in _BEGIN:
         track.begin(_BEGIN[first])
     elif first in _OTHER:
         track.other()
@@ -229,34 +326,52 @@ def _follow(line: SourceStatement, track: Track, data: _Data) -> None:
         track.now |= _chosen(line.tokens, data)
 
 
+def _shift(line: SourceStatement, track: Track) -> None:
+    """What a line says of corrections of the path, and what the routines that it calls leave."""
+    for k, _ in called(line.tokens, _WORDS):
+        name = line.upper[k]
+        if _SENSOR.fullmatch(name):
+            track.now[GUIDED] = f"{name} in line {line.line} shifts the path when it runs"
+        elif _SENSOR_OFF.fullmatch(name):
+            track.now[GUIDED] = ""
+        track.call(name, certain=not {"DO", "THEN"} & set(line.upper))
+    for left in _assigned(line):
+        if _CORRECTION.fullmatch(left[0].text.upper()):
+            off = line.upper[-1] in ("FALSE", "#OFF", "#NONE")
+            said = f"{left[0].text} in line {line.line} lets its path be shifted when it runs"
+            track.now[GUIDED] = "" if off else said
+
+
 def _chosen(tokens: Sequence[Token], data: _Data) -> dict[str, str]:
     """The tool, base or interpolation that assignments choose: `$TOOL=TOOL_DATA[3]`, `$BASE=SBASE(FP1.BASE_NO)`."""
     out: dict[str, str] = {}
     for part in split(tokens):
         sides = split(part, "=")
-        key = {"$TOOL": "tool", "$BASE": "base", "$IPO_MODE": "ipo"}.get(sides[0][0].text.upper() if sides[0] else "")
-        if key and len(sides) == 2:
-            value = list(itertools.takewhile(lambda t: t.text.upper() not in _ENDS, sides[1]))
-            words = [t.text.upper() for t in value]
-            inside = bracketed(value, 1) if len(value) > 2 else None
-            whole = inside is not None and len(inside) == len(value) - 3
-            named = data.fdat.get(inside[0].text.upper()) if inside and words[0].startswith("S") else None
-            if len(sides[0]) > 1:  # a part of it, such as $TOOL.Z
-                out[key] = AMBIGUOUS
-            elif whole and named is not None:
-                out[key] = {"tool": named[0], "base": named[1], "ipo": "#TCP" if named[2] else "#BASE"}[key]
-            elif whole and inside is not None and words[0] in ("TOOL_DATA", "BASE_DATA"):
-                out[key] = shown(inside)
-            else:
-                out[key] = "0" if words in _NULL else shown(value, 400).upper()
-                if (
-                    (stated := literal(value)) is not None
-                    and not stated[1]
-                    and stated[0].keys() >= {*POSES["kuka"].axes}
-                ):
-                    numbers = np.array([stated[0][axis].value for axis in POSES["kuka"].axes])
-                    (data.tools if key == "tool" else data.bases)[out[key]] = matrix(POSES["kuka"], numbers)
+        if len(sides) > 1 and sides[-2]:
+            left = sides[-2][left_of(sides[-2], len(sides[-2])) :]
+            if key := _CHOICES.get(left[0].text.upper()):
+                sole = len(sides) == 2 and len(left) == len(sides[0]) == 1  # no part of it, and not behind DO
+                out[key] = _choice(key, sides[1], data) if sole else AMBIGUOUS
     return out
+
+
+def _choice(key: str, tokens: Sequence[Token], data: _Data) -> str:
+    """The name of the tool, base or interpolation that a value is; numbers are kept by themselves."""
+    value = list(itertools.takewhile(lambda t: t.text.upper() not in _ENDS, tokens))
+    words = [t.text.upper() for t in value]
+    inside = bracketed(value, 1) if len(value) > 2 else None
+    whole = inside is not None and len(inside) == len(value) - 3
+    named = data.fdat.get(inside[0].text.upper()) if inside and words[0].startswith("S") else None
+    if whole and named is not None:
+        return {"tool": named[0], "base": named[1], "ipo": "#TCP" if named[2] else "#BASE"}[key]
+    if whole and inside is not None and words[0] in ("TOOL_DATA", "BASE_DATA"):
+        return shown(inside)
+    own = "0" if words in _NULL else shown(value, 400).upper()
+    stated = literal(value)
+    if stated is not None and not stated[1] and stated[0].keys() >= {*POSES["kuka"].axes}:
+        numbers = np.array([stated[0][axis].value for axis in POSES["kuka"].axes])
+        (data.tools if key == "tool" else data.bases)[own] = matrix(POSES["kuka"], numbers)
+    return own
 
 
 def _motion(line: SourceStatement, here: dict[str, str], names: Names, data: _Data) -> ProgrammeMotion:
@@ -277,9 +392,6 @@ def _motion(line: SourceStatement, here: dict[str, str], names: Names, data: _Da
     remote = [data.named(f"F{t.text[1:]}")[2] for p in parts for t in p[:1]]
     if here.get("ipo") == "#TCP" or any(remote):
         wrong = _REMOTE
-    for kind, number_of in (("TOOL_DATA", here.get("tool")), ("BASE_DATA", here.get("base"))):
-        name = f"{kind}[{number_of}]"
-        if kind in names.changes or name in names.changes or name in names.points:
-            wrong = f"{name} gets other values when the programme runs"
+    wrong = guided(here) or wrong
     goes = [] if verb.endswith("_REL") else parts[: 1 + ("CIRC" in verb)]
     return names.motion(line, goes, (here.get("tool", ""), here.get("base", "")), wrong)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 from qsframework.applications.programmes.source import (
     Cell,
@@ -21,6 +22,10 @@ Literal = Callable[[Sequence[Token]], tuple[dict[str, Cell], str] | None]
 """Numbers of a point by their names, and what is wrong with them, "" if nothing is; None of what is no point."""
 AMBIGUOUS = "?"
 """A tool or frame that depends on the way that the programme takes."""
+GUIDED = "guided"
+"""The key of what shifts the path when the programme runs: why no motion ends at its point."""
+_WALKS = 8
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,11 +55,17 @@ class Names:
         )
         return True
 
-    def change(self, statement: SourceStatement, name: str) -> None:
-        """Name, or a part of it, gets a value when the programme runs; of an array every element may."""
+    def change(self, statement: SourceStatement, name: str, routine: str = "") -> None:
+        """Name, or a part of it, gets a value when the programme runs; of an array every element may.
+
+        routine: the one that is given the name and may change it
+        """
         first = self.points.get(self.fold(name))
         at = f"in lines {first.line} and {statement.line}" if first else f"in line {statement.line}"
-        self.changes.setdefault(self.fold(name), f"{name} gets its value {at} when the programme runs")
+        said = f"{name} gets its value {at} when the programme runs"
+        if routine:
+            said = f"{name} is given to {routine} in line {statement.line}, which may change it when the programme runs"
+        self.changes.setdefault(self.fold(name), said)
 
     def motion(
         self, statement: SourceStatement, targets: Sequence[Sequence[Token]], stated: tuple[str, str], wrong: str = ""
@@ -93,7 +104,7 @@ class Names:
             keys = [self.fold(shown(tokens))]
         else:  # any element
             start = self.fold(shown(tokens[:2]))
-            keys = [key for key in self.points if key.startswith(start)]
+            keys = [key for known in (self.points, self.changes) for key in known if key.startswith(start)]
         whole = self.fold(tokens[0].text)
         changed = next((self.changes[key] for key in (whole, *keys) if key in self.changes), "")
         if changed or not keys or not all(key in self.points for key in keys):
@@ -106,35 +117,51 @@ class Names:
         for key, point in self.points.items():
             stored = (by_name or {}).get(key, ("", ""))
             used = self.frames.get(key) or {("", "")}
-            tool, frame = ({pair[k] or stored[k] for pair in used} | ({stored[k]} - {""}) for k in (0, 1))
+            tool, frame = ({pair[k] or stored[k] for pair in used} for k in (0, 1))
+            tool, frame = (own if _numbers(own) else own | ({stored[k]} - {""}) for k, own in ((0, tool), (1, frame)))
             one = [AMBIGUOUS if len(names) > 1 else next(iter(names)) for names in (tool, frame)]
             out.append(replace(point, tool=one[0], frame=one[1]))
         return out
 
 
+def _numbers(names: set[str]) -> bool:
+    """Whether all stand for numbers in the programme, which hold whatever is stored with a point."""
+    return all(name.startswith("{") for name in names)
+
+
 class Track:
-    """What holds at each place of a programme (tool, frame) on every way there; AMBIGUOUS where the ways differ."""
+    """What holds at each place of a programme (tool, frame, GUIDED) on every way there; AMBIGUOUS where ways differ.
+
+    enters, leaves: what holds at the calls of a routine, of which only GUIDED is taken, and what it has set at its end
+    """
 
     def __init__(self) -> None:
         self.now = dict[str, str]()
+        self.enters = dict[str, dict[str, str]]()
+        self.leaves = dict[str, dict[str, str]]()
+        self._routine = ""
         self._seen = list[dict[str, str]]()
-        self._open = list[tuple[dict[str, str], list[dict[str, str]], int | None]]()
+        self._open = list[tuple[dict[str, str], list[dict[str, str]], int | None, str]]()
 
-    def begin(self, loop: bool) -> None:
-        """A branch, or a loop, begins."""
-        self._open.append((dict(self.now), [], len(self._seen) if loop else None))
+    def begin(self, loop: bool, routine: str = "") -> None:
+        """A branch, or a loop, or a routine within the programme, begins."""
+        self._open.append((dict(self.now), [], len(self._seen) if loop else None, routine))
+        self.now |= self.enters.get(routine, {})
 
     def other(self) -> None:
         """Another branch begins where the first one did."""
         if self._open:
-            start, ends, _ = self._open[-1]
-            ends.append(self.now)
-            self.now = dict(start)
+            self._open[-1][1].append(self.now)
+            self.now = dict(self._open[-1][0])
 
     def end(self) -> None:
         """The branches meet again; what a loop changes is not certain in it before the change."""
         if self._open:
-            start, ends, first = self._open.pop()
+            start, ends, first, routine = self._open.pop()
+            if routine:
+                self.leaves[routine] = {k: v for k, v in self.now.items() if v != start.get(k)}
+                self.now = start
+                return
             differs = {k for way in (start, *ends) for k in {*way, *self.now} if way.get(k) != self.now.get(k)}
             for seen in self._seen[first:] if first is not None else ():
                 seen.update({k: AMBIGUOUS for k in differs if seen.get(k) == start.get(k)})
@@ -145,11 +172,39 @@ class Track:
         if self._open:
             self.now = self._open.pop()[0]
 
-    def reset(self) -> None:
-        """Another routine begins, of which nothing is known."""
-        self.now, self._open, self._seen = {}, [], []
+    def reset(self, routine: str = "") -> None:
+        """Another routine begins, of whose tool and frame nothing is known."""
+        self.leaves[self._routine] = self.now
+        self._routine, self._open, self._seen = routine, [], []
+        self.now = dict(self.enters.get(routine, {}))
+
+    def call(self, routine: str, certain: bool = True) -> None:
+        """A routine of the programme is called; not certain: it may be, from here on."""
+        if self.now.get(GUIDED):
+            self.enters.setdefault(routine, {})[GUIDED] = self.now[GUIDED]
+        left = self.leaves.get(routine, {})
+        self.now |= left if certain else dict.fromkeys(left, AMBIGUOUS)
 
     def here(self) -> dict[str, str]:
         """What holds here; it is changed when the end of a loop around it tells more."""
         self._seen.append(dict(self.now))
         return self._seen[-1]
+
+
+def walked(walk: Callable[[Track], list[T]]) -> list[T]:
+    """What a walk through the programme finds once it knows with what every routine is entered and left."""
+    track, found = Track(), list[T]()
+    for _ in range(_WALKS):
+        before = repr((track.enters, track.leaves))
+        track.reset()
+        found = walk(track)
+        track.reset()
+        if repr((track.enters, track.leaves)) == before:
+            break
+    return found
+
+
+def guided(here: Mapping[str, str]) -> str:
+    """Why no motion here ends at its point, "" where it does."""
+    said = here.get(GUIDED, "")
+    return "on one of the ways there its path is shifted when it runs" if said == AMBIGUOUS else said

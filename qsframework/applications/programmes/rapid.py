@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
-from qsframework.applications.programmes.names import Names
+from qsframework.applications.programmes.calls import Given, changing
+from qsframework.applications.programmes.names import GUIDED, Names, Track, guided, walked
 from qsframework.applications.programmes.poses import quaternion_pose
 from qsframework.applications.programmes.source import (
     NUMBER,
@@ -19,12 +21,15 @@ from qsframework.applications.programmes.source import (
     SourceStatement,
     Token,
     bracketed,
+    called,
     enclosed,
+    left_of,
     numbers,
     shown,
     split,
     statements,
     tokenise,
+    variable,
 )
 from qsframework.errors import InputError, Problem
 from qsframework.plugin import Array
@@ -44,10 +49,30 @@ _SUFFIX = re.compile(r"(?:\d|START|END|DO|AO|GO|SYNC|STD|IOS)+$")
 _TYPES, _DATA = ("ROBTARGET", "JOINTTARGET"), ("TOOLDATA", "WOBJDATA")
 _UNUSED = 8.9e9
 _ROUGH = 1e-3
-_SHIFTS = {"PDISPON": True, "PDISPSET": True, "PDISPOFF": False}
+_SHIFT = "a programme displacement (PDispOn, PDispSet) shifts it when it runs"
+_FORCE = "the arm gives way here (SoftAct, FCAct): it does not end at its point"
+_SHIFTS = {"PDISPON": _SHIFT, "PDISPSET": _SHIFT, "PDISPOFF": "", "SOFTACT": _FORCE, "SOFTDEACT": ""}
+_SHIFTS |= {"FCACT": _FORCE, "FCDEACT": "", "EGMSTREAMSTART": _FORCE, "EGMSTREAMSTOP": ""}
+_SENSORS = ("CORR", "TRACK")
+_BLOCKS = {"FOR": True, "WHILE": True, "TEST": False}
+_WORDS = {"IF", "THEN", "ELSEIF", "ELSE", "ENDIF", "FOR", "FROM", "TO", "STEP", "DO", "ENDFOR", "WHILE", "ENDWHILE"}
+_WORDS |= {"TEST", "CASE", "DEFAULT", "ENDTEST", "RETURN", "AND", "OR", "XOR", "NOT", "DIV", "MOD", "GOTO", "RAISE"}
+_WORDS |= {"ERROR", "UNDO", "BACKWARD", "CONNECT", "WITH", "ENDPROC", "ENDFUNC", "ENDTRAP", "ENDMODULE"}
+_WORDS |= {"ROBTARGET", "JOINTTARGET"}
+"""Words of the language, which call nothing."""
+_LEADS = {":", "THEN", "ELSE", "DO", "ERROR", "UNDO", "BACKWARD", "DEFAULT", *(w for w in _WORDS if w[:3] == "END")}
+"""Behind them an instruction begins."""
+_HEADS, _STORED = ("PROC", "FUNC", "TRAP"), ("VAR", "PERS", "CONST", "ALIAS")
+_READS = {"OFFS", "RELTOOL", "DISTANCE", "CALCJOINTT", "CALCROBT", "CROBT", "CJOINTT", "CPOS", "MIRPOS", "ORIENTZYX"}
+_READS |= {"EULERZYX", "POSEMULT", "POSEINV", "POSEVECT", "VECTMAGN", "DOTPROD", "DEFFRAME", "DEFDFRAME", "DEFACCFRAME"}
+_READS |= {"ABS", "SQRT", "ROUND", "TRUNC", "DIM", "VALTOSTR", "NUMTOSTR", "PRESENT", "ISPERS", "ISVAR", "ARGNAME"}
+_READS |= {"TPWRITE", "TPSHOW", "WRITE", "WRITEBIN", "WRITEANYBIN", "PACKRAWBYTES", "ERRWRITE", "ERRLOG", "UIMSGBOX"}
+_READS |= {"WAITTIME", "WAITUNTIL", "WAITDI", "WAITDO", "WAITROB", "STOP", "EXIT", "BREAK", "PDISPON", "PDISPSET"}
+_READS |= {"WZBOXDEF", "WZCYLDEF", "WZSPHDEF", "WZHOMEJOINTDEF", "WZLIMJOINTDEF", "GRIPLOAD", "SETSYSDATA", "IDISABLE"}
+"""Routines of RAPID that change no point which they are given."""
 _REMOTE = "stands in the cell (robhold FALSE) and the arm holds the work, which is not corrected"
 _HELD = "is held or moved by a robot or a positioner, which is not corrected"
-_Move = tuple[SourceStatement, bool, bool]
+_Move = tuple[SourceStatement, bool, dict[str, str]]
 _Data = dict[str, tuple[Array | None, str]]
 
 
@@ -59,20 +84,157 @@ def read(path: Path, text: str) -> Parts:
         missing = next(w for w in ("MODULE", "ENDMODULE") if w not in words)
         message = f"is no whole module of RAPID: {missing} is missing"
         raise InputError(Problem(message, str(path), 1, allowed="MODULE ... ENDMODULE"))
-    names, moves, shifted = Names(literal=literal), list[_Move](), False
+    names, code = Names(literal=literal), [line for line in lines if line.remark is None]
     data: dict[str, _Data] = {"TOOLDATA": {}, "WOBJDATA": {}}
-    for line in lines:
-        if line.remark is None:
-            _declared(line, names, data)
-    for line in lines:
-        if line.remark is None:
-            shifted = next((_SHIFTS[w] for w in line.upper if w in _SHIFTS), shifted)
-            found = list(_verbs(line, names))
-            for at, stop in pairwise([*found, len(line.tokens)]):
-                moves.append((SourceStatement(path, line.tokens[at:stop]), stop == len(line.tokens), shifted))
-    motions = [_motion(line, names, data, ends, on) for line, ends, on in moves]
+    for line in code:
+        _declared(line, names, data)
+    verbs = [list(_verbs(line, names)) for line in code]
+    routines, changed = _changing(code, verbs)
+    for given in changed:
+        names.change(given.statement, given.variable, given.caller.text)
+        said = f"is given to {given.caller.text} in line {given.statement.line}, which may change it"
+        for kept in data.values():
+            kept[given.variable.lower()] = None, said
+    for line, found in zip(code, verbs, strict=True):
+        for at in found:
+            _searched(line.after(at), names)
+
+    def walk(track: Track) -> list[_Move]:
+        return [move for line, found in zip(code, verbs, strict=True) for move in _walk(line, found, track, routines)]
+
+    motions = [_motion(line, names, data, ends, here) for line, ends, here in walked(walk)]
     tools, frames = ({n: m for n, (m, _) in data[k].items() if m is not None} for k in _DATA)
     return lines, names.stated(), motions, tools, frames
+
+
+def _walk(line: SourceStatement, found: Sequence[int], track: Track, routines: Collection[str]) -> Iterator[_Move]:
+    """The motions of a line, each with what holds there; what shifts the path goes on into the next routine."""
+    words = line.upper
+    sole = "IF" in words and "THEN" not in words  # the one instruction of an IF
+    for k, word in enumerate(words):
+        if word in _HEADS:
+            before = track.now
+            track.reset(_head(line.tokens, k))
+            track.now = before | track.now
+        elif word in _BLOCKS or word == "THEN":
+            if word == "THEN" and next((w for w in reversed(words[:k]) if w in ("IF", "ELSEIF")), "") == "ELSEIF":
+                track.other()
+            else:
+                track.begin(_BLOCKS.get(word, False))
+        elif word in ("ELSE", "CASE", "DEFAULT"):
+            track.other()
+        elif word in ("ENDIF", "ENDFOR", "ENDWHILE", "ENDTEST"):
+            track.end()
+        elif word in _SHIFTS:
+            if sole:
+                track.begin(False)
+            track.now[GUIDED] = _SHIFTS[word]
+            if sole:
+                track.end()
+        elif word in routines and not any(w in _HEADS for w in words[max(k - 2, 0) : k]):
+            track.call(word, certain=not sole)
+        elif k in found:
+            stop = next((at for at in found if at > k), len(words))
+            yield SourceStatement(line.path, line.tokens[k:stop]), stop == len(words), track.here()
+
+
+def _head(tokens: Sequence[Token], at: int) -> str:
+    """The folded name of a routine whose head begins at a place."""
+    return tokens[min(at + 1 + (tokens[at].text.upper() == "FUNC"), len(tokens) - 1)].text.upper()
+
+
+def _changing(lines: Sequence[SourceStatement], verbs: Sequence[Sequence[int]]) -> tuple[Collection[str], list[Given]]:
+    """The routines of a module, and the variables that routines are given which may change them."""
+    heads = [next((k for k, w in enumerate(line.upper) if w in _HEADS), None) for line in lines]
+    pairs = [(line.tokens, at) for line, at in zip(lines, heads, strict=True) if at is not None]
+    routines = {_head(tokens, at): _parameters(tokens[at:]) for tokens, at in pairs}
+    assigned, given, within = set[tuple[str, str]](), list[Given](), ""
+    for line, head, found in zip(lines, heads, verbs, strict=True):
+        within = within if head is None else _head(line.tokens, head)
+        assigned |= {(within, line.upper[start]) for start, _ in _assigned(line)}
+        stop = found[0] if found else len(line.tokens)
+        calls = [(k, p) for k, p in called(line.tokens, _WORDS) if k < stop or line.upper[k] in routines]
+        calls += [own] if (own := _procedure(line, stop)) is not None else []
+        for k, parts in calls:
+            caller, text = line.tokens[k], parts[0][0] if parts[0] else line.tokens[k]
+            by_name = line.upper[k] == "SETDATAVAL" and text.kind == "string"
+            handed = [(0, text.text.strip('"'))] if by_name else list(_arguments(parts))
+            given += [Given(statement=line, within=within, caller=caller, place=p, variable=v) for p, v in handed]
+    return routines, changing(given, routines, assigned, _READS)
+
+
+def _parameters(tokens: Sequence[Token]) -> dict[int | str, str]:
+    """The folded names of a routine's parameters by their places, of optional ones by their names; "" of a copy."""
+    at = next((k for k, t in enumerate(tokens[:4]) if t.text == "("), len(tokens))
+    out, count = dict[int | str, str](), 0
+    for part in split(bracketed(tokens, at) or ()):
+        for k, own in enumerate(split(part, "\\")):
+            words = [t.text.upper() for t in itertools.takewhile(lambda t: t.text != "{", own) if t.kind == "word"]
+            if words:
+                out[words[-1] if k else count] = words[-1] if {"VAR", "PERS", "INOUT", "REF"} & set(words) else ""
+                count += k == 0
+    return out
+
+
+def _arguments(parts: Sequence[Sequence[Token]]) -> Iterator[tuple[int | str, str]]:
+    """The variables among a call's arguments, with their places; those of optional ones with their names."""
+    place = 0
+    for part in parts:
+        for k, own in enumerate(split(part, "\\")):
+            sides = split(own, ":=")
+            if own and (name := variable(sides[-1])) and (k == 0 or len(sides) > 1):
+                yield own[0].text.upper() if k else place, name
+            place += bool(own) and k == 0
+
+
+def _procedure(line: SourceStatement, stop: int) -> tuple[int, list[list[Token]]] | None:
+    """Where a procedure is called before a place, `IF high pick p1,50`, and its arguments."""
+    words, at = line.upper[:stop], _begin(line.tokens[:stop])
+    own = line.tokens[at:stop]
+    gives = own and words[at] == "IF" and any(_assigned(SourceStatement(line.path, own)))
+    if not own or gives or any(word in (*_HEADS, *_STORED) for word in words[at:]):
+        return None
+    first, start = split(own)[0], 0
+    if words[at] == "IF" or own[0].text == "%":  # behind a condition a name begins where two follow each other
+        starts = [
+            k
+            for k, (token, after) in enumerate(pairwise(first))
+            if after.kind in ("word", "string", "number")
+            and after.text.upper() not in _WORDS
+            and (token.text == "%" or (token.kind == "word" and token.text.upper() not in _WORDS))
+        ]
+        start = starts[-1] if starts else -1
+    elif own[0].kind != "word" or words[at] in _WORDS or (":=" in words and variable(split(own, ":=")[0])):
+        start = -1
+    return (at + start, split(own[start + 1 :])) if start >= 0 else None
+
+
+def _begin(tokens: Sequence[Token]) -> int:
+    """Where the last instruction of a line begins: behind THEN, a label, or the head of a routine."""
+    at, depth = 0, 0
+    for k, token in enumerate(tokens):
+        depth += (token.text in ("(", "[", "{")) - (token.text in (")", "]", "}")) if token.kind == "sign" else 0
+        word = token.text.upper()
+        if depth == 0 and (word in _LEADS or (word == ")" and any(t.text.upper() in _HEADS for t in tokens[at:k]))):
+            at = k + 1
+        elif word == "TRAP":
+            at = k + 2
+    return at
+
+
+def _assigned(line: SourceStatement) -> Iterator[tuple[int, int]]:
+    """Where what gets a value begins, and where its `:=` stands; not of options."""
+    for k, token in enumerate(line.tokens):
+        start = left_of(line.tokens, k) if token.text == ":=" and k else 0
+        if token.text == ":=" and (start == 0 or line.tokens[start - 1].text != "\\"):
+            yield start, k
+
+
+def _searched(line: SourceStatement, names: Names) -> None:
+    """A search writes the place that it finds into its second argument."""
+    parts = [own for part in split(line.tokens[1:]) if (own := split(part, "\\")[0])]
+    if line.upper[0].startswith("SEARCH") and len(parts) > 1:
+        names.change(line, variable(parts[1]) or shown(parts[1]))
 
 
 def literal(tokens: Sequence[Token]) -> tuple[dict[str, Cell], str] | None:
@@ -97,7 +259,7 @@ def _declared(line: SourceStatement, names: Names, data: Mapping[str, _Data]) ->
     """What a line gives to names: declarations of targets, arrays of them, tools, work objects; assignments."""
     words = line.upper
     for k, word in enumerate(words[:-1]):
-        if word in _TYPES and ":=" not in words[k + 2 : k + 6]:
+        if word in _TYPES and (":=" not in words[k + 2 : k + 6] or ")" in words[k + 2 : k + 6]):
             names.change(line, line.tokens[k + 1].text)  # a variable, or what a routine is given
     if ":=" not in words:
         return
@@ -107,13 +269,14 @@ def _declared(line: SourceStatement, names: Names, data: Mapping[str, _Data]) ->
         (k for k, w in enumerate(words[:at]) if w in _TYPES + _DATA and words[at - 1] in (words[k + 1], "}")), None
     )
     if kind is None:
-        start = _left(line.tokens, at)
-        for kept in data.values() if "\\" not in words[:at] else ():
-            kept[words[start].lower()] = None, "gets other values when the programme runs"
-        if at - start == 1 or (line.tokens[at - 1].text == "}" and names.literal(value) is not None):
-            names.give(line, shown(line.tokens[start:at]), value)
-        else:
-            names.change(line, line.tokens[start].text)
+        for start, at in _assigned(line):
+            for kept in data.values():
+                kept[words[start].lower()] = None, "gets other values when the programme runs"
+            value = line.tokens[at + 1 :]
+            if at - start == 1 or (line.tokens[at - 1].text == "}" and names.literal(value) is not None):
+                names.give(line, shown(line.tokens[start:at]), value)
+            else:
+                names.change(line, variable(line.tokens[start:at]))
         return
     name, own = line.tokens[kind + 1].text, line.after(kind + 1)
     if words[kind] in _DATA:
@@ -123,17 +286,6 @@ def _declared(line: SourceStatement, names: Names, data: Mapping[str, _Data]) ->
             names.give(own, f"{name}{{{k}}}", element)
     else:
         names.give(own, name, value)
-
-
-def _left(tokens: Sequence[Token], at: int) -> int:
-    """Where the name begins that stands before a token: `p{1}.trans.z`."""
-    k, depth = at - 1, 0
-    while k > 0:
-        depth += (tokens[k].text == "}") - (tokens[k].text == "{")
-        if depth == 0 and tokens[k].text not in "{." and tokens[k - 1].text != ".":
-            break
-        k -= 1
-    return k
 
 
 def _tool(value: Sequence[Token]) -> tuple[Array | None, str]:
@@ -184,13 +336,12 @@ def _goes(tokens: Sequence[Token], names: Names, fast: bool) -> bool:
 
 
 def _motion(
-    line: SourceStatement, names: Names, data: Mapping[str, _Data], ends: bool, shifted: bool
+    line: SourceStatement, names: Names, data: Mapping[str, _Data], ends: bool, here: dict[str, str]
 ) -> ProgrammeMotion:
     """A motion by its line, from its verb on."""
     verb, parts = line.upper[0], [split(p, "\\")[0] for p in split(line.tokens[1:])]
     parts = [p for p in parts if p]
     if verb.startswith("SEARCH") and len(parts) > 1:
-        names.change(line, shown(parts[1]))
         parts = parts[2:]
     count = 2 if _SUFFIX.sub("", verb).endswith("C") else 1
     last = parts[count + 2 if verb.startswith(("MOVE", "EGM")) else -1 :][:1]
@@ -205,8 +356,9 @@ def _motion(
         wrong = "it moves external axes alone"
     elif not ends:
         wrong = "it does not end with `;` before the next one"
-    elif shifted:
-        wrong = "a programme displacement (PDispOn, PDispSet) shifts it when it runs"
+    elif any(words[k - 1] == "\\" and word in _SENSORS for k, word in enumerate(words)):
+        wrong = "a sensor shifts its path when it runs (\\Corr, \\Track)"
+    wrong = wrong or (_FORCE if verb.startswith("FC") else guided(here))
     for kind, name in (("TOOLDATA", tool), ("WOBJDATA", frame)):
         wrong = wrong or (f"{name} {held}" if (held := data[kind].get(name, (None, ""))[1]) else "")
     return names.motion(line, parts[:count], (tool, frame), wrong)

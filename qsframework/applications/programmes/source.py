@@ -7,7 +7,7 @@ corrected. `replaced` puts new numbers in the places of the old ones and leaves 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -182,6 +182,39 @@ def enclosed(tokens: Sequence[Token], opening: str) -> Sequence[Token] | None:
     """What stands in a bracket that is all of it."""
     inside = bracketed(tokens) if tokens and tokens[0].text == opening else None
     return inside if inside is not None and len(inside) == len(tokens) - 2 else None
+
+
+def left_of(tokens: Sequence[Token], at: int) -> int:
+    """Where the variable begins that stands before a token: `p{1}.trans.z`, `XP[I].Z`."""
+    k, depth = at - 1, 0
+    while k > 0:
+        depth += (tokens[k].text in _SHUT) - (tokens[k].text in _OPEN)
+        if depth == 0 and tokens[k].text not in ("[", "{", ".") and tokens[k - 1].text != ".":
+            break
+        k -= 1
+    return max(k, 0)
+
+
+def variable(tokens: Sequence[Token]) -> str:
+    """The name of a variable or of a part of it, with its element where that has a number; "" of all else."""
+    if not tokens or tokens[0].kind != "word":
+        return ""
+    at = 1
+    while at < len(tokens):
+        inside = bracketed(tokens, at) if tokens[at].text in ("[", "{") else None
+        if inside is None and tokens[at].text != ".":
+            return ""
+        at += 2 if inside is None else len(inside) + 2
+    element = len(tokens) > 3 and tokens[1].text in ("[", "{") and number(tokens[2:3]) and tokens[3].text in _SHUT
+    return shown(tokens[: 4 if element else 1])
+
+
+def called(tokens: Sequence[Token], words: Collection[str]) -> Iterator[tuple[int, list[list[Token]]]]:
+    """Where routines with brackets are called, and their arguments; words: of the language, which call nothing."""
+    for k, token in enumerate(tokens[:-1]):
+        if token.kind == "word" and tokens[k + 1].text == "(" and token.text.upper() not in words:
+            inside = bracketed(tokens, k + 1)
+            yield k, split(tokens[k + 2 :] if inside is None else inside)
 
 
 def number(tokens: Sequence[Token]) -> Cell | None:

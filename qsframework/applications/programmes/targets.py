@@ -309,7 +309,10 @@ def _lacking(case: _Case, point: ProgrammePoint) -> Problem | None:
     if point.problem is not None:
         return point.problem
     if missing:
-        return Problem(f"{point.name} lacks {', '.join(missing)}", *here, found=", ".join(point.cells) or "nothing")
+        said = f"{point.name} lacks {', '.join(missing)}"
+        if case.source.maker == "kuka":
+            said += ": they stay where the arm stands, and their correction has no number to go to; write all axes"
+        return Problem(said, *here, found=", ".join(point.cells) or "nothing")
     if not all(abs(cell.value) < 1e6 for cell in point.cells.values()):
         return Problem(f"{point.name}: a number is out of all bounds", *here, allowed="up to 1e6 mm or deg")
     if point.cartesian and (case.experiment.robot.controller.external or extra):

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from qsframework.applications.programmes.names import AMBIGUOUS, Names, Track
+from qsframework.applications.programmes.names import AMBIGUOUS, GUIDED, Names, Track, guided, walked
 from qsframework.applications.programmes.poses import POSES, matrix
 from qsframework.applications.programmes.source import (
     NUMBER,
@@ -18,7 +18,9 @@ from qsframework.applications.programmes.source import (
     SourceStatement,
     Token,
     bracketed,
+    called,
     enclosed,
+    left_of,
     numbers,
     split,
     statements,
@@ -45,7 +47,22 @@ _MOTIONS = {
 """Motions, and how many points each goes to; 0: it moves by a speed."""
 _HERE = tuple(f"GET_{which}_{what}" for which in ("ACTUAL", "TARGET") for what in ("JOINT_POSITIONS", "TCP_POSE"))
 _ROUTINES, _BLOCKS = ("def", "thread", "sec"), ("if", "while", "for")
+_CONVEYOR, _OFFSET = "its points are relative to a conveyor", "a path offset shifts it"
+_FORCE = "the arm gives way to forces there"
+_SHIFTS = {
+    "track_conveyor_linear": _CONVEYOR,
+    "track_conveyor_circular": _CONVEYOR,
+    "path_offset_enable": _OFFSET,
+    "path_offset_set": _OFFSET,
+    "force_mode": _FORCE,
+    "freedrive_mode": _FORCE,
+    "teach_mode": _FORCE,
+    **dict.fromkeys(("stop_conveyor_tracking", "path_offset_disable", "end_force_mode"), ""),
+    **dict.fromkeys(("end_freedrive_mode", "end_teach_mode"), ""),
+}
+"""Why motions after a call are not corrected; "" where they are again."""
 _TARGETS = ("q", "pose", "pose_via", "pose_to")
+_Move = tuple[SourceStatement, Sequence[Token], dict[str, str]]
 TOOL, FRAME = "tcp", "base"
 """Names of the installation's tool and of the frame of all poses."""
 
@@ -54,21 +71,28 @@ def read(path: Path, text: str) -> Parts:
     """The parts of a script. InputError where a routine does not end."""
     lines = list(statements(path, tokenise(text, GRAMMAR), joined=True))
     _whole(path, lines)
-    names, track, tools = Names(literal=literal, here=_HERE, fold=str), Track(), dict[str, Array]()
-    moves = list[tuple[SourceStatement, Sequence[Token], dict[str, str]]]()
-    for line in lines:
-        if line.remark is None:
-            _given(line, names)
-            _follow(line, track, tools)
-            for k, token in enumerate(line.tokens[:-1]):
-                if token.text in _MOTIONS and line.tokens[k + 1].text == "(":
-                    own = line.after(k)
-                    inside = bracketed(own.tokens, 1)
-                    end = len(own.tokens) if inside is None else len(inside) + 3
-                    moves.append((SourceStatement(path, own.tokens[:end]), inside or (), track.here()))
-    motions = [_motion(line, inside, names, here) for line, inside, here in moves]
+    names, tools = Names(literal=literal, here=_HERE, fold=str), dict[str, Array]()
+    code = [line for line in lines if line.remark is None]
+    for line in code:
+        _given(line, names)
+
+    def walk(track: Track) -> list[_Move]:
+        return [move for line in code for move in _walk(line, track, tools)]
+
+    motions = [_motion(line, inside, names, here) for line, inside, here in walked(walk)]
     gone = {name for motion in motions for name in motion.points}
     return lines, [p for p in names.stated() if p.name in gone], motions, tools, {}
+
+
+def _walk(line: SourceStatement, track: Track, tools: dict[str, Array]) -> Iterator[_Move]:
+    """The motions of a line, each with what holds there."""
+    _follow(line, track, tools)
+    for k, token in enumerate(line.tokens[:-1]):
+        if token.text in _MOTIONS and line.tokens[k + 1].text == "(":
+            own = line.after(k)
+            inside = bracketed(own.tokens, 1)
+            end = len(own.tokens) if inside is None else len(inside) + 3
+            yield SourceStatement(line.path, own.tokens[:end]), inside or (), track.here()
 
 
 def _whole(path: Path, lines: Sequence[SourceStatement]) -> None:
@@ -96,14 +120,17 @@ def _given(line: SourceStatement, names: Names) -> None:
         for token in line.tokens[2:]:
             names.change(line, token.text)  # what a routine is given hides what is known by the same name
         return
+    for k, token in enumerate(line.tokens[:-3]):
+        if token.kind == "word" and [line.tokens[k + n].text for n in (1, 3)] == [".", "("]:
+            names.change(line, token.text)  # a list changes itself, `ways.append(...)`
     sides = split(line.tokens, "=")
     named = [t for t in sides[0] if t.text not in ("global", "local")]
-    if len(sides) != 2 or not named or named[0].kind != "word":
+    if len(sides) != 2 or len(named) != 1 or named[0].kind != "word":
+        for side in sides[:-1]:
+            names.change(line, side[left_of(side, len(side))].text if side else "")
         return
     elements = split(enclosed(sides[1], "[") or ())
-    if len(named) != 1:
-        names.change(line, named[0].text)
-    elif names.literal(sides[1]) is None and len(elements) > 1 and all(map(names.literal, elements)):
+    if names.literal(sides[1]) is None and len(elements) > 1 and all(map(names.literal, elements)):
         for k, element in enumerate(elements):
             names.give(line, f"{named[0].text}[{k}]", element)
     else:
@@ -114,7 +141,15 @@ def _follow(line: SourceStatement, track: Track, tools: dict[str, Array]) -> Non
     """What a line says of the tool from there on."""
     tokens = line.tokens
     first = tokens[0].text
-    if first in _ROUTINES + _BLOCKS:
+    if first in _ROUTINES:
+        track.begin(False, tokens[1].text if len(tokens) > 1 else "")
+        return
+    for k, _ in called(tokens, ()):
+        if tokens[k].text in _SHIFTS:
+            why = _SHIFTS[tokens[k].text]
+            track.now[GUIDED] = why and f"{why} when it runs ({tokens[k].text} in line {line.line})"
+        track.call(tokens[k].text, certain=tokens[k - 1].text != "run")
+    if first in _BLOCKS:
         track.begin(first in ("while", "for"))
     elif first in ("elif", "else"):
         track.other()
@@ -140,6 +175,7 @@ def _motion(line: SourceStatement, inside: Sequence[Token], names: Names, here: 
     wrong = "" if count else "it moves by a speed, not to a point"
     if not inside:
         wrong = "it does not end, or goes nowhere"
+    wrong = guided(here) or wrong
     return names.motion(line, [_reached(p) for p in parts[:count]], (here.get("tool", TOOL), FRAME), wrong)
 
 
