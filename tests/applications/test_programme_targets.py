@@ -274,6 +274,18 @@ BROKEN = {
         r"line 5: XP2: a pose beside external axes is not corrected",
     ),
     "inline": (".src", "A6 0}", "A6 0", r"drill.src, line 8: the point of this motion does not end"),
+    "the others stay": (
+        ".src",
+        "PTP {A1 -20.5, A2 -80, A3 100, A4 10, A5 40, A6 0}",
+        "PTP {A1 10}",
+        r"line 8 lacks A2, A3, A4, A5, A6: they stay where the arm stands, and .* no number to go to; write all axes",
+    ),
+    "the others of a pose": (
+        ".src",
+        "PTP {A1 -20.5, A2 -80, A3 100, A4 10, A5 40, A6 0}",
+        "LIN {Z 1500}",
+        r"line 8 lacks X, Y, A, B, C: they stay where the arm stands",
+    ),
     "beyond": (".src", "A1 -20.5", "A1 -220.5", r"drill.src, line 8: line 8: A1 is outside its limits"),
 }
 

@@ -63,7 +63,7 @@ def read(path: Path, text: str) -> Parts:
     set_in = {key: line.line for line in reversed(lines) if line.remark is None for key in _sets(line)}
     points = [_set_when_it_runs(point, set_in) for point in points]
     conveyor = "LINE_TRACK_SCHEDULE_NUMBER" in (words := [t.text for t in sections.get("/APPL", ())])
-    conveyor = conveyor and words[words.index("LINE_TRACK_SCHEDULE_NUMBER") + 2] != "0"
+    conveyor = conveyor and "0" not in words[words.index("LINE_TRACK_SCHEDULE_NUMBER") :][2:3]
     known, shifts = dict.fromkeys(p.name for p in points), list(_shifts(lines))
     if any("JMP" in line.upper for line in lines):  # what holds at the end may hold from the beginning
         shifts = list(_shifts(lines, shifts[-1]))

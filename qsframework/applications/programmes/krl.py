@@ -157,8 +157,9 @@ def _changing(lines: Sequence[SourceStatement]) -> list[Given]:
             within = head[0] if head[2] else within
             continue
         assigned |= {(within, left[0].text.upper()) for left in _assigned(line)}
+        verb = _verb(line)
         for k, parts in called(line.tokens, _WORDS):
-            moves = _verb(line) is not None and words[k] not in routines  # it computes a place
+            moves = verb is not None and verb < k and words[k] not in routines  # it computes a place
             own = [(place, name) for place, part in enumerate(parts) if not moves and (name := variable(part))]
             caller = line.tokens[k]
             given += [Given(statement=line, within=within, caller=caller, place=p, variable=v) for p, v in own]
@@ -322,7 +323,7 @@ def _follow(line: SourceStatement, track: Track, data: _Data) -> None:
         track.now |= dict.fromkeys(new, "" if words[2] == "#INITMOV" else shown(line.tokens[4:-1]))
     elif first == "FDAT_ACT":  # a part of it
         track.now |= {"tool": AMBIGUOUS, "base": AMBIGUOUS}
-    elif "WITH" not in words:  # what a motion has WITH it holds for that motion
+    if "WITH" not in words:  # what a motion has WITH it holds for that motion
         track.now |= _chosen(line.tokens, data)
 
 

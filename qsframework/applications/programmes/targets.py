@@ -303,7 +303,8 @@ def _unknown(source: Source, options: ProgrammeOptions, points: Sequence[Program
 
 def _lacking(case: _Case, point: ProgrammePoint) -> Problem | None:
     """Why a point cannot be corrected, whatever is stated beside the programme."""
-    here, needed = (str(point.path), point.line), case.convention.axes if point.cartesian else case.names
+    here, pose = (str(point.path), point.line), not point.cells.keys().isdisjoint(case.convention.axes)
+    needed = case.convention.axes if pose else case.names
     missing = [name for name in needed if name not in point.cells]
     extra = [k for k in point.cells if k not in needed and (k[0] != "E" or point.cells[k].value != 0.0)]
     if point.problem is not None:
