@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from qsframework.applications.programmes.source import SourceStatement, Token
@@ -29,7 +30,7 @@ def changing(
     given: Sequence[Given],
     routines: Mapping[str, Mapping[int | str, str]],
     assigned: Iterable[tuple[str, str]],
-    reads: Collection[str],
+    reads: re.Pattern[str],
 ) -> list[Given]:
     """Those whose routine may change the variable: it does so itself, hands it on to one that may, or is not known.
 
@@ -37,7 +38,7 @@ def changing(
         given: all of the programme.
         routines: its routines; by the places of their arguments the folded names, "" of an argument that is a copy.
         assigned: routines, and folded names of variables that they assign.
-        reads: routines of the language that only read.
+        reads: names of routines of the language that only read.
     """
     places = {
         (r, name): [p for p, n in own.items() if n == name] for r, own in routines.items() for name in own.values()
@@ -47,7 +48,9 @@ def changing(
     while count != len(written):
         count = len(written)
         found = [
-            g for g in given if ((g.routine, g.place) in written if g.routine in routines else g.routine not in reads)
+            g
+            for g in given
+            if ((g.routine, g.place) in written if g.routine in routines else not reads.fullmatch(g.routine))
         ]
         for g in found:
             name = next((n for n in routines.get(g.within, {}).values() if n and n == _whole(g.variable)), "")

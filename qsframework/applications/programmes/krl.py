@@ -50,31 +50,19 @@ _ENDS = ("WITH", "C_PTP", "C_DIS", "C_VEL", "C_ORI", "C_SPL", "C_JERK")
 _ALLOWED = "A1 to A6 or X, Y, Z, A, B, C, S, T; E1 to E6; each with a number"
 _REMOTE = "the tool stands in the cell (IPO_FRAME #TCP) and the arm holds the work, which is not corrected"
 _NULL = (["$NULLFRAME"], ["$WORLD"])
-_WORDS = {"IF", "WHILE", "UNTIL", "SWITCH", "CASE", "FOR", "TO", "STEP", "WHEN", "DO", "THEN", "RETURN", "WAIT", "SEC"}
-_WORDS |= {"AND", "OR", "NOT", "EXOR", "B_AND", "B_OR", "B_NOT", "B_EXOR"}
+_WORDS = {"IF", "WHILE", "UNTIL", "SWITCH", "CASE", "FOR", "TO", "STEP", "WHEN", "DO", "THEN", "RETURN"}
+_WORDS |= {"WAIT", "SEC", "AND", "OR", "NOT", "EXOR", "B_AND", "B_OR", "B_NOT", "B_EXOR"}
 """Words that may stand before a bracket and call nothing."""
-_READS = {
-    "BAS",
-    "INVERSE",
-    "FORWARD",
-    "INV_POS",
-    "CWRITE",
-    "SWRITE",
-    "CAST_TO",
-    "VARSTATE",
-    "VARTYPE",
-    "EK",
-    "EB",
-    "EO",
-}
-_READS |= {"ABS", "SQRT", "SIN", "COS", "TAN", "ACOS", "ATAN2", "REAL", "MSGNOTIFY", "MSGQUIT", "MSGSTOP", "MSGDIALOG"}
-_READS |= {"SBASE", "STOOL", "STOOL2", "SIPO_MODE", "SLOAD", "SVEL_JOINT", "SVEL_CP", "SACC_JOINT", "SACC_CP"}
-_READS |= {"PULSE", "SGEAR_JERK", "SAPO", "SAPO_PTP", "SJERK", "STECH"}
-"""Routines of KRL that change no point which they are given."""
-_SENSOR = re.compile(
-    r"(?:RSI|ST|FTC|TRACC|CONV(?:EYOR)?|CVY|SEAM)_\w*(?:MOVECORR|ON1?|START|FOLLOW|TRACK)|ST_SKIPSENS|SET_TORQUE_LIMITS"
+_READS = re.compile(
+    r"BAS|INVERSE|FORWARD|INV_POS|[CS]WRITE|CAST_TO|VAR(?:STATE|TYPE)|E[KBO]|PULSE|REAL"
+    r"|ABS|SQRT|SIN|COS|TAN|ACOS|ATAN2|MSG(?:NOTIFY|QUIT|STOP|DIALOG)"
+    r"|S(?:BASE|TOOL2?|IPO_MODE|LOAD|(?:VEL|ACC)_(?:JOINT|CP)|(?:GEAR_)?JERK|APO(?:_PTP)?|TECH)"
 )
-_SENSOR_OFF = re.compile(r"(?:RSI|ST|FTC|TRACC|CONV(?:EYOR)?|CVY|SEAM)_\w*(?:OFF|STOP|QUIT|END)|RESET_TORQUE_LIMITS")
+"""Routines of KRL that change no point which they are given."""
+_PACKAGES = r"(?:RSI|ST|FTC|TRACC|CONV(?:EYOR)?|CVY|SEAM)_(?:\w+_)?"
+_SENSOR = re.compile(_PACKAGES + r"(?:MOVECORR|ON1?|START|FOLLOW|TRACK|SKIPSENS)|SET_TORQUE_LIMITS")
+_SENSOR_OFF = re.compile(_PACKAGES + r"(?:OFF|STOP|QUIT|END)|RESET_TORQUE_LIMITS")
+"""Routines of technology packages that begin and end to shift the path."""
 _CORRECTION = re.compile(r"\$(?:CORR|TECH)\w*")
 """System variables of corrections of the path and of functions that move the tool about it."""
 _ELSEWHERE = "?"

@@ -55,20 +55,19 @@ _SHIFTS = {"PDISPON": _SHIFT, "PDISPSET": _SHIFT, "PDISPOFF": "", "SOFTACT": _FO
 _SHIFTS |= {"FCACT": _FORCE, "FCDEACT": "", "EGMSTREAMSTART": _FORCE, "EGMSTREAMSTOP": ""}
 _SENSORS = ("CORR", "TRACK")
 _BLOCKS = {"FOR": True, "WHILE": True, "TEST": False}
-_WORDS = {"IF", "THEN", "ELSEIF", "ELSE", "ENDIF", "FOR", "FROM", "TO", "STEP", "DO", "ENDFOR", "WHILE", "ENDWHILE"}
-_WORDS |= {"TEST", "CASE", "DEFAULT", "ENDTEST", "RETURN", "AND", "OR", "XOR", "NOT", "DIV", "MOD", "GOTO", "RAISE"}
-_WORDS |= {"ERROR", "UNDO", "BACKWARD", "CONNECT", "WITH", "ENDPROC", "ENDFUNC", "ENDTRAP", "ENDMODULE"}
-_WORDS |= {"ROBTARGET", "JOINTTARGET"}
-"""Words of the language, which call nothing."""
-_LEADS = {":", "THEN", "ELSE", "DO", "ERROR", "UNDO", "BACKWARD", "DEFAULT", *(w for w in _WORDS if w[:3] == "END")}
+_ENDS = {f"END{word}" for word in ("IF", "FOR", "WHILE", "TEST", "PROC", "FUNC", "TRAP", "MODULE")}
+_LEADS = {":", "THEN", "ELSE", "DO", "ERROR", "UNDO", "BACKWARD", "DEFAULT", *_ENDS}
 """Behind them an instruction begins."""
+_WORDS = {*_LEADS, "IF", "ELSEIF", "FOR", "FROM", "TO", "STEP", "WHILE", "TEST", "CASE", "RETURN"}
+_WORDS |= {"AND", "OR", "XOR", "NOT", "DIV", "MOD", "GOTO", "RAISE", "CONNECT", "WITH", *_TYPES}
+"""Words of the language, which call nothing."""
 _HEADS, _STORED = ("PROC", "FUNC", "TRAP"), ("VAR", "PERS", "CONST", "ALIAS")
-_READS = {"OFFS", "RELTOOL", "DISTANCE", "CALCJOINTT", "CALCROBT", "CROBT", "CJOINTT", "CPOS", "MIRPOS", "ORIENTZYX"}
-_READS |= {"EULERZYX", "POSEMULT", "POSEINV", "POSEVECT", "VECTMAGN", "DOTPROD", "DEFFRAME", "DEFDFRAME", "DEFACCFRAME"}
-_READS |= {"ABS", "SQRT", "ROUND", "TRUNC", "DIM", "VALTOSTR", "NUMTOSTR", "PRESENT", "ISPERS", "ISVAR", "ARGNAME"}
-_READS |= {"TPWRITE", "TPSHOW", "WRITE", "WRITEBIN", "WRITEANYBIN", "PACKRAWBYTES", "ERRWRITE", "ERRLOG", "UIMSGBOX"}
-_READS |= {"WAITTIME", "WAITUNTIL", "WAITDI", "WAITDO", "WAITROB", "STOP", "EXIT", "BREAK", "PDISPON", "PDISPSET"}
-_READS |= {"WZBOXDEF", "WZCYLDEF", "WZSPHDEF", "WZHOMEJOINTDEF", "WZLIMJOINTDEF", "GRIPLOAD", "SETSYSDATA", "IDISABLE"}
+_READS = re.compile(
+    r"OFFS|RELTOOL|DISTANCE|CALC(?:JOINT|ROB)T|CROBT|CJOINTT|CPOS|MIRPOS|ORIENTZYX|EULERZYX|ABS|SQRT|DIM"
+    r"|POSE(?:MULT|INV|VECT)|VECTMAGN|DOTPROD|DEF(?:D|ACC)?FRAME|ROUND|TRUNC|(?:VAL|NUM)TOSTR|PRESENT|ARGNAME"
+    r"|IS(?:PERS|VAR)|TP(?:WRITE|SHOW)|WRITE(?:ANY)?(?:BIN)?|PACKRAWBYTES|ERR(?:WRITE|LOG)|UIMSGBOX|STOP|EXIT"
+    r"|WAIT(?:TIME|UNTIL|ROB|[DAG][IO])|PDISP(?:ON|SET)|WZ(?:BOX|CYL|SPH|HOMEJOINT|LIMJOINT)DEF|GRIPLOAD|SETSYSDATA"
+)
 """Routines of RAPID that change no point which they are given."""
 _REMOTE = "stands in the cell (robhold FALSE) and the arm holds the work, which is not corrected"
 _HELD = "is held or moved by a robot or a positioner, which is not corrected"
