@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from qsframework.applications.programmes.source import SourceStatement, Token
@@ -40,24 +40,21 @@ def changing(
         assigned: routines, and folded names of variables that they assign.
         reads: names of routines of the language that only read.
     """
-    places = {
-        (r, name): [p for p, n in own.items() if n == name] for r, own in routines.items() for name in own.values()
-    }
-    written = {(r, place) for r, name in assigned if name for place in places.get((r, name), ())}
-    found, count = list[Given](), -1
-    while count != len(written):
-        count = len(written)
-        found = [
-            g
-            for g in given
-            if ((g.routine, g.place) in written if g.routine in routines else not reads.fullmatch(g.routine))
-        ]
-        for g in found:
-            name = next((n for n in routines.get(g.within, {}).values() if n and n == _whole(g.variable)), "")
-            written |= {(g.within, place) for place in places.get((g.within, name), ())} if name else set()
+    changed, count, found = set(assigned), -1, list[Given]()
+    while count != len(changed):
+        count = len(changed)
+        found = [g for g in given if _may_change(g, routines, changed, reads)]
+        changed |= {(g.within, g.variable.partition("[")[0].partition("{")[0].upper()) for g in found}
     return found
 
 
-def _whole(variable: str) -> str:
-    """The folded name of a variable without its element."""
-    return variable.partition("[")[0].partition("{")[0].strip().upper()
+def _may_change(
+    given: Given,
+    routines: Mapping[str, Mapping[int | str, str]],
+    changed: Collection[tuple[str, str]],
+    reads: re.Pattern[str],
+) -> bool:
+    if given.routine not in routines:
+        return reads.fullmatch(given.routine) is None
+    name = routines[given.routine].get(given.place)
+    return name is None or (given.routine, name) in changed

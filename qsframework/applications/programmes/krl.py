@@ -59,7 +59,7 @@ _READS = re.compile(
     r"|S(?:BASE|TOOL2?|IPO_MODE|LOAD|(?:VEL|ACC)_(?:JOINT|CP)|(?:GEAR_)?JERK|APO(?:_PTP)?|TECH)"
 )
 """Routines of KRL that change no point which they are given."""
-_PACKAGES = r"(?:RSI|ST|FTC|TRACC|CONV(?:EYOR)?|CVY|SEAM)_(?:\w+_)?"
+_PACKAGES = r"(?:RSI|ST|FTC?|TRACC|CONV(?:EYOR)?|CVY|SEAM)_(?:\w+_)?"
 _SENSOR = re.compile(_PACKAGES + r"(?:MOVECORR|ON1?|START|FOLLOW|TRACK|SKIPSENS)|SET_TORQUE_LIMITS")
 _SENSOR_OFF = re.compile(_PACKAGES + r"(?:OFF|STOP|QUIT|END)|RESET_TORQUE_LIMITS")
 """Routines of technology packages that begin and end to shift the path."""

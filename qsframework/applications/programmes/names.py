@@ -117,16 +117,16 @@ class Names:
         for key, point in self.points.items():
             stored = (by_name or {}).get(key, ("", ""))
             used = self.frames.get(key) or {("", "")}
-            tool, frame = ({pair[k] or stored[k] for pair in used} for k in (0, 1))
-            tool, frame = (own if _numbers(own) else own | ({stored[k]} - {""}) for k, own in ((0, tool), (1, frame)))
-            one = [AMBIGUOUS if len(names) > 1 else next(iter(names)) for names in (tool, frame)]
-            out.append(replace(point, tool=one[0], frame=one[1]))
+            tool, frame = (_one({pair[k] or stored[k] for pair in used}, stored[k]) for k in (0, 1))
+            out.append(replace(point, tool=tool, frame=frame))
         return out
 
 
-def _numbers(names: set[str]) -> bool:
-    """Whether all stand for numbers in the programme, which hold whatever is stored with a point."""
-    return all(name.startswith("{") for name in names)
+def _one(used: set[str], stored: str) -> str:
+    """The one tool or frame of a point; what is stored with it counts, too, unless numbers in the programme hold."""
+    if stored and not all(name.startswith("{") for name in used):
+        used = used | {stored}
+    return next(iter(used)) if len(used) == 1 else AMBIGUOUS
 
 
 class Track:
