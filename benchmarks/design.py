@@ -28,10 +28,10 @@ from common import RUNS, cpu, memory, show, table
 
 from qsframework.design import CRITERIA
 from qsframework.design.catalogue import find_criterion
-from qsframework.design.certified import STARTS
 from qsframework.design.column_generation import solve_columns
 from qsframework.design.exact import Quotas, exchange
 from qsframework.design.minimax import Robust
+from qsframework.design.options import STARTS
 from qsframework.design.relaxed import relax
 from qsframework.design.task import make_task, white_basis
 from qsframework.elastostatics import Model, Site, make_model

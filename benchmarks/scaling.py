@@ -27,10 +27,10 @@ from common import ROOT, RUNS, show, table, turns
 from design import model_of, robot_rows, sample
 
 from qsframework.design import CRITERIA, generate_candidates
-from qsframework.design.certified import STARTS
 from qsframework.design.column_generation import solve_columns
 from qsframework.design.exact import Quotas, exchange
 from qsframework.design.minimax import Robust
+from qsframework.design.options import STARTS
 from qsframework.design.task import make_task, white_basis
 from qsframework.diagnose.diagnose import diagnose
 from qsframework.experiment import Experiment, Readings, load_experiment, make_plan, simulate

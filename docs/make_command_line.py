@@ -39,7 +39,8 @@ def _options(command: Any) -> list[Any]:
 
 
 def _row(option: Any) -> tuple[str, str]:
-    return ", ".join(f"`{o}`" for o in (*option.opts, *option.secondary_opts)), _words(option)
+    names = ", ".join(f"`{o}`" for o in (*option.opts, *option.secondary_opts))
+    return f"{names} {option.metavar}" if option.metavar else names, _words(option)
 
 
 def _list(rows: list[tuple[str, str]]) -> str:

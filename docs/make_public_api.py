@@ -6,10 +6,10 @@ import ast
 import importlib
 import inspect
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Any, get_args
+from typing import Annotated, Any, get_args, get_origin
 
 LIST = Path(__file__).parent / "public_api.txt"
 PACKAGES: dict[str, tuple[str, ...]] = {
@@ -114,8 +114,11 @@ def _public_classes() -> frozenset[str]:
     return frozenset(n for m in modules for n in public(m.__name__) if inspect.isclass(getattr(m, n)))
 
 
-def _unmarked(annotation: Any) -> Any:
-    """A stated type without the marks that say how its file holds it: X of `Annotated[X, ...]`."""
+def _unmarked(annotation: Any, names: Mapping[str, Any]) -> Any:
+    """A stated type without the marks that say how its file holds it, or what its option is: X of `Annotated[X, ...]`,
+    which may have a name."""
+    if isinstance(annotation, str) and get_origin(names.get(annotation)) is Annotated:
+        return inspect.formatannotation(get_args(names[annotation])[0])
 
     class Unmark(ast.NodeTransformer):
         def visit_Subscript(self, node: ast.Subscript) -> ast.AST:
@@ -130,8 +133,8 @@ def _unmarked(annotation: Any) -> Any:
 def _signature(function: Any) -> str:
     """As it is written; addresses of functions that stand as defaults are left out."""
     try:
-        stated = inspect.signature(function)
-        parameters = [p.replace(annotation=_unmarked(p.annotation)) for p in stated.parameters.values()]
+        stated, names = inspect.signature(function), getattr(inspect.unwrap(function), "__globals__", {})
+        parameters = [p.replace(annotation=_unmarked(p.annotation, names)) for p in stated.parameters.values()]
         text = re.sub(r" at 0x[0-9a-f]+", "", str(stated.replace(parameters=parameters)))
     except ValueError:
         return "(...)"

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from qsframework.applications.inverse import TipPose, arm_length, joint_step, pose_error, rigid_jacobian, rigid_tip
+from qsframework.applications.options import Reference
 from qsframework.applications.targets import Targets
 from qsframework.elastostatics import Model, actuator_torques, equilibrium, range_notes
 from qsframework.elastostatics.so3 import cross_matrix
@@ -25,12 +26,12 @@ from qsframework.experiment.account import Account, some_of
 from qsframework.files import as_file
 from qsframework.identify import FitRecord
 from qsframework.identify.soundness import check_fit
+from qsframework.option import checked
 from qsframework.plugin import Array, Indices, Load, Poses
 from qsframework.plugin.facts import frozen
 from qsframework.units import JointUnits
 from qsframework.viewed import Viewed
 
-REFERENCES = ("commanded", "unloaded")
 _STEPS = 15
 _CLOSE = 1e-10
 _LARGEST_CORRECTION = np.deg2rad(10.0)
@@ -125,7 +126,7 @@ def compensate(
     experiment: Experiment,
     fit: FitRecord,
     targets: Targets,
-    reference: str = "commanded",
+    reference: Reference = "commanded",
     tell: Tell | None = None,
     *,
     anyway: bool = False,
@@ -154,8 +155,7 @@ def compensate(
             wrench there.
     """
     doubted = check_fit(fit, experiment.robot, experiment, anyway=anyway)
-    if reference not in REFERENCES:
-        raise InputError(Problem(f"unknown reference {reference!r}", allowed=", ".join(REFERENCES)))
+    checked("reference", Reference, reference)
     if reference == "unloaded" and targets.cartesian:
         raise InputError("reference 'unloaded' is for joint targets; a Cartesian target says itself where to stand")
     model, x = experiment.model(), arm_values(experiment, fit)

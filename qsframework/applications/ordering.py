@@ -14,11 +14,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from qsframework.errors import InputError, Problem, nearest
+from qsframework.applications.options import Order
 from qsframework.experiment import Plan
+from qsframework.option import checked
 from qsframework.plugin import Array, Indices
 
-ORDERS = ("shortest", "random", "plan")
 _STARTS = 8
 _LONGEST_STRETCH = 3
 _SHORTER = 1e-9
@@ -59,7 +59,7 @@ def with_repeats(plan: Plan, share: float, seed: int = 0) -> Plan:
 
 def visits(
     plan: Plan,
-    order: str = "shortest",
+    order: Order = "shortest",
     seed: int = 0,
     home: Array | None = None,
     penalty: Mapping[tuple[int, int], float] | None = None,
@@ -71,8 +71,7 @@ def visits(
     Poses of one station stay together in every order.
     "plan": as the plan lists them, repeats in later rounds. `penalty` (rad) makes the way between two poses longer.
     """
-    if order not in ORDERS:
-        raise InputError(Problem(f"unknown order {order!r}", allowed=", ".join(ORDERS), hint=nearest(order, ORDERS)))
+    checked("order", Order, order)
     rng, out = np.random.default_rng(seed), list[int]()
     cost = _effort(plan.pendant)
     for (i, j), more in (penalty or {}).items():

@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from qsframework.applications.options import Order
 from qsframework.applications.ordering import visits, way_length
 from qsframework.applications.path_check import Surroundings, find_way
 from qsframework.design import broken_constraints
@@ -89,7 +90,7 @@ class Programme:
 def make_programme(
     experiment: Experiment,
     plan: Plan,
-    order: str = "shortest",
+    order: Order = "shortest",
     seed: int = 0,
     speed: int = 10,
     pause: float | None = 10.0,

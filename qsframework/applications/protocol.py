@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from qsframework.applications.options import ProtocolOptions
 from qsframework.applications.ordering import visits, with_repeats
 from qsframework.applications.programme import check_plan, load_name, payload_notes
 from qsframework.errors import InputError, Problem
@@ -21,30 +22,11 @@ from qsframework.experiment.stations import seen_markers
 from qsframework.plugin import Array
 from qsframework.units import JointUnits
 
-DRIVES = ("servo", "brake")
 HALF = "half of "
 """Before the name of a load: half its weight."""
 _READ = 20.0
 _HANDLE = 60.0
 """Seconds that a reading of all markers and a change of the load take, for the estimate of the whole."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ProtocolOptions:
-    """settle: s after every move and change of load; warm_up: minutes; drive: what holds the arm while it is read.
-
-    half: poses with a repeat are measured under half the load too, which shows whether the arm is linear
-    """
-
-    order: str = "random"
-    seed: int = 0
-    cycles: int = 2
-    repeat_share: float = 0.2
-    settle: float = 30.0
-    warm_up: float = 30.0
-    drive: str = "servo"
-    reflectors: int = 3
-    half: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +119,6 @@ def make_protocol(
         InputError: for a plan that the robot must not carry out.
     """
     options = options or ProtocolOptions()
-    _check(options)
     check_plan(experiment, plan, file)
     if plan.of_positions.any() and not experiment.plans_positions:
         bare = [p for p, w in zip(plan.pose, plan.of_positions, strict=True) if w]
@@ -180,23 +161,6 @@ def make_protocol(
         markers=names,
         notes=payload_notes(experiment),
     )
-
-
-def _check(options: ProtocolOptions) -> None:
-    problems: list[Problem] = []
-    if options.drive not in DRIVES:
-        problems.append(Problem(f"unknown drive state {options.drive!r}", allowed=", ".join(DRIVES)))
-    for what, value, low, high in (
-        ("cycles", options.cycles, 1, 10),
-        ("share of repeats", options.repeat_share, 0, 1),
-        ("reflectors", options.reflectors, 0, 20),
-        ("settling time, s", options.settle, 0, 3600),
-        ("warm-up, min", options.warm_up, 0, 600),
-    ):
-        if not low <= value <= high:
-            problems.append(Problem(what, found=f"{value:g}", allowed=f"{low} to {high}"))
-    if problems:
-        raise InputError(problems)
 
 
 def _states(load: str, wrench: Array, cycles: int, half: bool) -> tuple[ProtocolState, ...]:

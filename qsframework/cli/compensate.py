@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import difflib
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
@@ -18,6 +19,8 @@ from qsframework.applications.programmes.targets import (
 )
 from qsframework.applications.targets import flange_pose, read_targets
 from qsframework.cli.commands import certificate_of_positions, distinct_outputs, write_json
+from qsframework.cli.declared import Values
+from qsframework.cli.files import CORRECTED, CompensateFiles
 from qsframework.cli.printing import print_folded, print_table, print_verdict
 from qsframework.cli.progress import progress
 from qsframework.errors import InputError, Problem
@@ -31,43 +34,17 @@ from qsframework.plugin import Array
 _SHOWN = 20
 _DIFF = 120
 """Lines of the difference that are shown."""
-DEFAULT_OUTPUT = Path("corrected.csv")
-
-
-@dataclass(frozen=True)
-class CompensateFiles:
-    """What the command reads and writes."""
-
-    experiment: Path
-    fit: Path
-    targets: Path
-    output: Path
-    json: Path | None = None
-    report: Path | None = None
-
-
-@dataclass(frozen=True)
-class ProgrammeTexts:
-    """What the command is told of a programme: text, as it was typed."""
-
-    load: tuple[str, ...] = ()
-    keep: tuple[str, ...] = ()
-    tool: tuple[str, ...] = ()
-    frame: tuple[str, ...] = ()
-    start: str | None = None
-
-    @property
-    def given(self) -> bool:
-        return bool(self.load or self.keep or self.tool or self.frame or self.start)
 
 
 def run_compensate(
-    files: CompensateFiles, reference: str, options: ProgrammeTexts | None = None, anyway: bool = False
+    files: CompensateFiles, reference: str, options: Values = MappingProxyType({}), anyway: bool = False
 ) -> None:
-    """Correct the targets, print what is gained, write corrected targets or the programme, the JSON and the report."""
-    options = options or ProgrammeTexts()
+    """Correct the targets, print what is gained, write corrected targets or the programme, the JSON and the report.
+
+    options: what was typed for those of a programme
+    """
     programme = files.targets.suffix.lower() in ENDINGS
-    if options.given and not programme:
+    if any(options.values()) and not programme:
         hint = "A table of targets has columns for the forces; the other options are for programmes."
         raise InputError(Problem("is no programme", str(files.targets), allowed=", ".join(ENDINGS), hint=hint))
     inputs = [files.experiment, files.fit, files.targets]
@@ -137,29 +114,29 @@ def _more(
 def programme_outputs(files: CompensateFiles) -> list[Path]:
     """Where the corrected files go, in the order of `programme_files`. InputError for another ending."""
     endings = [p.suffix for p in programme_files(files.targets)]
-    output = files.output.with_suffix(endings[0]) if files.output == DEFAULT_OUTPUT else files.output
+    output = files.output.with_suffix(endings[0]) if files.output == CORRECTED else files.output
     if output.suffix.lower() not in [e.lower() for e in endings]:
         allowed = f"a name with {' or '.join(endings)}"
         raise InputError(Problem("a programme is written as what it is", str(files.output), allowed=allowed))
     return [output.with_suffix(e) for e in endings]
 
 
-def programme_options(options: ProgrammeTexts, experiment: Experiment) -> ProgrammeOptions:
+def programme_options(options: Values, experiment: Experiment) -> ProgrammeOptions:
     """What was typed, as numbers. InputError where it is none."""
     from qsframework.cli.export import home_pose
     from qsframework.cli.numbers import numbers, wrench_of
 
     loads: dict[str, Array] = {}
-    for text in options.load:
+    for text in options["loads"]:
         name, _, values = text.rpartition("=")
         loads[name] = wrench_of("--load", values, experiment.robot)
     tools, frames = dict[str, Array](), dict[str, Array]()
-    for option, texts, into in (("--tool", options.tool, tools), ("--frame", options.frame, frames)):
+    for option, texts, into in (("--tool", options["tools"], tools), ("--frame", options["frames"], frames)):
         for text in texts:
             name, _, values = text.partition("=")
             into[name.strip()] = numbers(option, values, (6,))
-    start = None if options.start is None else home_pose(experiment, options.start, "--start")
-    return ProgrammeOptions(loads=loads, keep=options.keep, tools=tools, frames=frames, start=start)
+    start = options["start"] and home_pose(experiment, options["start"], "--start")
+    return ProgrammeOptions(loads=loads, keep=options["keep"], tools=tools, frames=frames, start=start)
 
 
 def _programme(made: ProgrammeTargets, texts: dict[Path, str], outputs: list[Path]) -> None:

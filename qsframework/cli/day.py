@@ -8,15 +8,15 @@ import select
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from qsframework.applications.day.day import DECISIONS, Day, begin, decide, reread
 from qsframework.applications.day.entry import Unconfirmed, enter_file
 from qsframework.applications.day.record import Slot
-from qsframework.applications.protocol import ProtocolOptions
+from qsframework.applications.options import ProtocolOptions
 from qsframework.cli.export import plan_of
+from qsframework.cli.files import DayFiles
 from qsframework.cli.printing import print_folded
 from qsframework.errors import InputError, QsfError, missing_extra
 from qsframework.experiment import Experiment, Readings, load_experiment, read_readings
@@ -42,16 +42,6 @@ _DIGITS = re.compile(r"(\d+)")
 
 
 _State = tuple[int, int, str]
-
-
-@dataclass(frozen=True, kw_only=True)
-class DayFiles:
-    """What the command reads, and the folder that it writes; watch: a folder of the tracker's files."""
-
-    experiment: Path
-    plan: Path
-    folder: Path
-    watch: Path | None = None
 
 
 def run_day(files: DayFiles, options: ProtocolOptions, port: int, once: bool = False) -> None:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 from qsframework.cli.commands import beside, distinct_outputs, write_json
+from qsframework.cli.files import DesignFiles
 from qsframework.cli.printing import print_folded, print_table, print_verdict
 from qsframework.cli.progress import progress
 from qsframework.design import (
@@ -37,25 +37,6 @@ from qsframework.work import Work
 Tell = Callable[[str, int, int], None]
 
 
-@dataclass(frozen=True, kw_only=True)
-class DesignFiles:
-    """The files of one design; candidates: a number, grid:LEVELS or a file of poses."""
-
-    experiment: Path
-    candidates: str
-    taken: tuple[Path, ...]
-    test_poses: Path | None
-    output: Path
-    json: Path | None
-    report: Path | None
-    task: Path | None = None
-
-    def inputs(self) -> list[Path]:
-        named = [Path(self.candidates)] if Path(self.candidates).is_file() else []
-        asked = [path for path in (self.test_poses, self.task) if path is not None]
-        return [self.experiment, *self.taken, *named, *asked]
-
-
 _POSES, _MOST = 12, 200
 """Poses of a plan where nobody says how many, and the most of one that is to reach an accuracy."""
 
@@ -66,21 +47,21 @@ def run_design(
     options: DesignOptions,
     seed: int,
     work: Work,
-    verbose: bool = False,
-    accuracy: float | None = None,
 ) -> None:
-    """Design, write plan.csv and plan.json, print the promise of the plan. accuracy, m: with a task"""
+    """Design, write plan.csv and plan.json, print the predicted uncertainties of the plan."""
     experiment = load_experiment(files.experiment)
     outputs = [files.output, beside(files.output, ".json"), files.json, files.report]
     distinct_outputs(outputs, files.inputs())
     taken = [read_taken(path, experiment) for path in files.taken]
     test = None if files.test_poses is None else read_plan(files.test_poses, experiment).poses
-    if (files.task is None) != (accuracy is None):
+    if (files.task is None) != (files.accuracy is None):
         raise InputError("--for and --accuracy-mm belong together: --for task.yaml --accuracy-mm 0.1")
     needed: Needed | None = None
     with progress() as tell:
-        if files.task is not None and accuracy is not None:
-            found, needed = _needed(files, files.task, accuracy, experiment, poses or _MOST, options, seed, tell, work)
+        if files.task is not None and files.accuracy is not None:
+            found, needed = _needed(
+                files, files.task, files.accuracy, experiment, poses or _MOST, options, seed, tell, work
+            )
             plan = needed.plan
         else:
             found = find_candidates(files.candidates, experiment, seed, tell, work)
@@ -105,8 +86,8 @@ def run_design(
     for line in [] if needed is None else need_words(needed):
         print_folded(line)
     print_table(table.header, table.rows)
-    print_folded(f"{found.words() if verbose else found.summary}.")
-    if not verbose and any(found.alone.values()):
+    print_folded(f"{found.words() if files.verbose else found.summary}.")
+    if not files.verbose and any(found.alone.values()):
         print("`--verbose` says which constraint excludes how many.")
     beyond = [f"Note: {n}." for n in range_notes(experiment.model(), plan.poses, plan.pose)]
     margin = margin_words(experiment)

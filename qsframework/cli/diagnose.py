@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 from qsframework.cli.commands import distinct_outputs, readings_files, write_json
+from qsframework.cli.files import DiagnoseFiles
 from qsframework.cli.printing import print_folded, print_line, print_table
 from qsframework.cli.progress import Tell, progress
-from qsframework.diagnose import LEVEL, STEPS, Diagnosis, diagnose
+from qsframework.diagnose import STEPS, DiagnoseOptions, Diagnosis, diagnose
 from qsframework.diagnose.extend import check_folder
 from qsframework.discriminate import FollowUp, follow_up
 from qsframework.discriminate.follow_up import COUNT
@@ -19,60 +19,30 @@ from qsframework.experiment.account import added_effects
 from qsframework.work import HERE, Work
 
 
-@dataclass(frozen=True, kw_only=True)
-class DiagnoseFiles:
-    """What the command reads, and what it writes where it is asked to.
-
-    extend: a folder, doubtful: with the doubtful names too; plan: one to judge before measuring; output: the
-    plan of --follow-up
-    """
-
-    experiment: Path
-    data: tuple[Path, ...] = ()
-    json: Path | None = None
-    report: Path | None = None
-    extend: Path | None = None
-    doubtful: bool = False
-    plan: Path | None = None
-    output: Path | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Asked:
-    """How to diagnose; follow_up: visits of a second day to plan, 0: none, without: links that take no reflector;
-    verbose: list all causes, also those that are excluded or invisible."""
-
-    level: float = LEVEL
-    seed: int = 0
-    follow_up: int = 0
-    without: tuple[str, ...] = ()
-    verbose: bool = False
-
-
-def run_diagnose(files: DiagnoseFiles, asked: Asked, work: Work = HERE) -> None:
+def run_diagnose(files: DiagnoseFiles, options: DiagnoseOptions, work: Work = HERE) -> None:
     """Diagnose readings, or judge a plan."""
     from qsframework.cli.diagnose_plan import run_foresight
 
     if files.plan is not None:
-        _alone(files, asked)
-        run_foresight(files.experiment, files.plan, files.json, files.report, asked.seed, work)
+        _alone(files, options)
+        run_foresight(files.experiment, files.plan, files.json, files.report, options.seed, work)
         return
     if work != HERE:
         raise InputError("--jobs and --dask go with a plan: the diagnosis of readings takes seconds")
     experiment = load_experiment(files.experiment)
     sources = readings_files(experiment, files.data, f"them: qsf diagnose {files.experiment} readings.csv")
-    plan = (files.output or Path("follow-up.csv")) if asked.follow_up else None
-    mounts_of(experiment, asked.without)
+    plan = (files.output or Path("follow-up.csv")) if options.follow_up else None
+    mounts_of(experiment, options.without)
     outputs = (files.json, files.report, plan)
     distinct_outputs(outputs, [files.experiment, *sources], folder=files.extend)
     if files.extend is not None:
         check_folder(experiment, files.extend)
     readings = read_readings(sources, experiment)
     with progress() as tell:
-        found = diagnose(experiment, readings, level=asked.level, seed=asked.seed, progress=_steps(tell))
+        found = diagnose(experiment, readings, level=options.level, seed=options.seed, progress=_steps(tell))
         tell("diagnosis", len(STEPS), len(STEPS))
-        day, lost = _second_day(found, asked, tell)
-    print_diagnosis(found, day, asked.verbose)
+        day, lost = _second_day(found, options, tell)
+    print_diagnosis(found, day, files.verbose)
     if plan is not None and day is not None:
         _write_day(found, day, plan)
     _write(found, day, files, [files.experiment, *sources])
@@ -80,13 +50,13 @@ def run_diagnose(files: DiagnoseFiles, asked: Asked, work: Work = HERE) -> None:
         raise InputError(f"--follow-up: {lost}")
 
 
-def _second_day(found: Diagnosis, asked: Asked, tell: Tell) -> tuple[FollowUp | None, InputError | None]:
+def _second_day(found: Diagnosis, options: DiagnoseOptions, tell: Tell) -> tuple[FollowUp | None, InputError | None]:
     """The visits that settle what is open, or why there are none; none where nobody asks and nothing is open."""
-    if not asked.follow_up and not found.open:
+    if not options.follow_up and not found.open:
         return None, None
     try:
-        count = asked.follow_up or COUNT
-        return follow_up(found, count, without=asked.without, seed=asked.seed, progress=tell), None
+        count = options.follow_up or COUNT
+        return follow_up(found, count, without=options.without, seed=options.seed, progress=tell), None
     except InputError as error:
         return None, error
 
@@ -103,11 +73,11 @@ def _write_day(found: Diagnosis, day: FollowUp, plan: Path) -> None:
     print(f"next: qsf protocol {found.experiment.path} {plan} -o sheet.html")
 
 
-def _alone(files: DiagnoseFiles, asked: Asked) -> None:
+def _alone(files: DiagnoseFiles, options: DiagnoseOptions) -> None:
     """InputError where options stand beside a plan that do not: it is judged before there are readings."""
     others = {
         "--extend": files.extend,
-        "--follow-up": asked.follow_up or None,
+        "--follow-up": options.follow_up or None,
         "the readings": files.data or None,
     }
     wrong = [name for name, value in others.items() if value is not None]

@@ -3,44 +3,28 @@
 from __future__ import annotations
 
 import json as json_module
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from qsframework.applications.export import ENDINGS, FORMATS, export, written
+from qsframework.applications.export import ENDINGS, export, written
+from qsframework.applications.options import ExportOptions
 from qsframework.applications.ordering import with_repeats
 from qsframework.applications.programme import Programme, draft, make_programme
 from qsframework.cli.commands import beside, distinct_outputs, write_json
 from qsframework.cli.printing import print_folded
 from qsframework.cli.progress import progress
-from qsframework.errors import InputError, Problem, nearest
+from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment, Plan, load_experiment, read_plan
 from qsframework.files import read_text
 from qsframework.plugin import Array
 
 
-@dataclass(frozen=True, kw_only=True)
-class ExportOptions:
-    """How the plan is to be driven; pause None: wait for the start button; tool, frame: the controller's."""
-
-    to: str
-    order: str
-    speed: int
-    pause: float | None
-    home: str | None
-    seed: int
-    repeat_share: float = 0.0
-    tool: str = ""
-    frame: str = ""
-
-
 def run_export(plan_file: Path, file: Path, output: Path, options: ExportOptions, json: Path | None) -> None:
     """Order and check the plan, write it for the controller."""
-    if options.to not in FORMATS:
-        allowed, hint = ", ".join(FORMATS), nearest(options.to, FORMATS)
-        raise InputError(Problem(f"unknown format {options.to!r}", allowed=allowed, hint=hint))
-    endings = ENDINGS[options.to]
+    pause = None if options.hold else options.pause
+    endings = ENDINGS.get(options.to, ())
     outputs = [beside(output, s) for s in endings] if len(endings) > 1 else [output]
     distinct_outputs([*outputs, json], [file, plan_file, beside(plan_file, ".json")])
     experiment = load_experiment(file)
@@ -48,11 +32,11 @@ def run_export(plan_file: Path, file: Path, output: Path, options: ExportOptions
     home = None if options.home is None else home_pose(experiment, options.home)
     named = {"tool": options.tool, "frame": options.frame}
     written(
-        replace(draft(experiment, plan, options.speed, options.pause), **named), options.to, output
+        replace(draft(experiment, plan, options.speed, pause), **named), options.to, output
     )  # refused before the work
     with progress() as tell:
         programme = make_programme(
-            experiment, plan, options.order, options.seed, options.speed, options.pause, home, tell, str(plan_file)
+            experiment, plan, options.order, options.seed, options.speed, pause, home, tell, str(plan_file)
         )
     files = export(replace(programme, **named), options.to, output)
     print_folded(words(programme))

@@ -93,7 +93,7 @@ class Group(TyperGroup):
         """Usage, the commands, and the options that many of them share."""
         room = width()
         commands = [(name, command.help or "") for name, command in self.commands.items()]
-        shared = [(name, one.help or "") for name, one in SHARED.items()]
+        shared = [(name, one.help or "") for name, one in SHARED.items() if one is not None]
         lines = ["Usage: qsf [OPTIONS] COMMAND ...", *paragraphs(self.help or "", room), "", "Commands:"]
         lines += [folded(f"  {name:<13}{words}", room, " " * 15) for name, words in commands]
         lines += ["", "Options of many commands:", *_rows(shared, room)]

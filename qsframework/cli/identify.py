@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from qsframework.cli.commands import distinct_outputs, readings_files, write_json
+from qsframework.cli.files import FitFiles
 from qsframework.cli.printing import print_folded, print_table, print_verdict
 from qsframework.cli.progress import steps
 from qsframework.experiment import Experiment, Readings, load_experiment, read_readings
@@ -19,26 +20,6 @@ if TYPE_CHECKING:
 
 _ROWS, _ASIDE = 11, 4
 """Rows of the parameters and of those that were not estimated, unless all are wanted."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class FitFiles:
-    """What the command reads, and what it writes where it is asked to; states: how files of states are read."""
-
-    experiment: Path
-    data: tuple[Path, ...] = ()
-    json: Path | None = None
-    report: Path | None = None
-    nominal: Path | None = None
-    urdf: Path | None = None
-    states: str | None = None
-    anyway: bool = False
-    compare: Path | None = None
-    verbose: bool = False
-
-    @property
-    def outputs(self) -> tuple[Path | None, ...]:
-        return (self.json, self.report, self.nominal, self.urdf)
 
 
 def cleaned(experiment: Experiment, readings: Readings, fit: list[str] | None) -> tuple[Readings, tuple[Masked, ...]]:

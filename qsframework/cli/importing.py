@@ -2,53 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from qsframework.applications.importers import ImportOptions, import_readings
 from qsframework.applications.importers.importing import UNLOADED
 from qsframework.applications.importers.mapping import read_mapping
 from qsframework.cli.commands import distinct_outputs, write_json
-from qsframework.cli.pairs import pairs
+from qsframework.cli.files import ImportFiles
 from qsframework.cli.printing import print_folded, print_table
 from qsframework.experiment import load_experiment
 from qsframework.experiment.measured import keep_measured, write_imported
-
-
-@dataclass(frozen=True, kw_only=True)
-class ImportFiles:
-    """What the command reads and writes; look: show what would be taken for what, and write nothing."""
-
-    experiment: Path
-    files: tuple[Path, ...]
-    plan: Path | None
-    mapping: Path | None
-    output: Path
-    json: Path | None
-    look: bool
-
-
-def columns_of(texts: Sequence[str]) -> Mapping[str, str]:
-    """--map role=column, several of them joined by commas or given one by one."""
-    split = [part for text in texts for part in _parts(text)]
-    return pairs("--map", split, "ROLE=COLUMN, such as x=Xcoord or x=3")
-
-
-def _parts(text: str) -> list[str]:
-    """The pairs of one option; a comma inside a column's name stays in it."""
-    out: list[str] = []
-    for part in text.split(","):
-        if "=" in part or not out:
-            out.append(part)
-        else:
-            out[-1] += f",{part}"
-    return out
-
-
-def words_of(texts: Sequence[str]) -> Mapping[str, str]:
-    """--word found=meant."""
-    return pairs("--word", texts, "FOUND=MEANT, such as WITH=loaded or ball1=m1")
 
 
 def run_import(files: ImportFiles, options: ImportOptions) -> None:

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from qsframework.option import Option, Seed, option_of
+
 
 def _trusted(context: typer.Context, value: bool) -> bool:
     """Trust files until the command ends."""
@@ -17,33 +19,26 @@ def _trusted(context: typer.Context, value: bool) -> bool:
     return value
 
 
-_JSON = typer.Option("--json", help="Write the result as JSON.")
-_REPORT = typer.Option("--report", help="Write a report: .html, or .pdf (needs Chromium).")
-_SEED = typer.Option("--seed", help="Random seed.", min=0)
-_JOBS = typer.Option("--jobs", help="Processes on this machine; 0: one per core.", min=0)
-_DASK = typer.Option("--dask", help="Address of a Dask cluster, such as tcp://10.0.0.5:8786.")
 _TRUST = typer.Option(
     "--trust", callback=_trusted, help="Allow Python code referenced by `file:` (runs with your rights)."
 )
-_ANYWAY = typer.Option("--anyway", help="Proceed with a rejected fit (prints the reason).")
-SHARED = {
-    "--json": _JSON,
-    "--report": _REPORT,
-    "--seed": _SEED,
-    "--jobs": _JOBS,
-    "--dask": _DASK,
-    "--trust": _TRUST,
-    "--anyway": _ANYWAY,
-}
-"""Options that many commands have: `qsf --help` explains them."""
-
 ExperimentFile = Annotated[Path, typer.Argument(help="experiment.yaml", show_default=False)]
-Json = Annotated[Path | None, _JSON]
-Report = Annotated[Path | None, _REPORT]
-Seed = Annotated[int, _SEED]
-Jobs = Annotated[int, _JOBS]
-DaskAddress = Annotated[str | None, _DASK]
+Json = Annotated[Path | None, Option("Write the result as JSON.")]
+Report = Annotated[Path | None, Option("Write a report: .html, or .pdf (needs Chromium).")]
+Jobs = Annotated[int, Option("Processes on this machine; 0: one per core.", least=0)]
+DaskAddress = Annotated[str | None, Option("Address of a Dask cluster, such as tcp://10.0.0.5:8786.")]
 Trust = Annotated[bool, _TRUST]
 """An option of every command that loads robots or experiments; it takes effect by itself."""
-Anyway = Annotated[bool, _ANYWAY]
+Anyway = Annotated[bool, Option("Proceed with a rejected fit (prints the reason).")]
 """An option of every command that moves an arm by a fit, or writes its values."""
+
+SHARED = {
+    "--json": option_of(Json),
+    "--report": option_of(Report),
+    "--seed": option_of(Seed),
+    "--jobs": option_of(Jobs),
+    "--dask": option_of(DaskAddress),
+    "--trust": _TRUST,
+    "--anyway": option_of(Anyway),
+}
+"""Options that many commands have: `qsf --help` explains them."""

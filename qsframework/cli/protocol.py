@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from qsframework.applications.options import ProtocolOptions
 from qsframework.applications.protocol import (
     Protocol,
-    ProtocolOptions,
     floor_file,
     make_protocol,
     write_floor_file,

@@ -8,8 +8,8 @@ from .candidates import (
     read_candidates as read_candidates,
 )
 from .catalogue import CRITERIA as CRITERIA, TITLES as TITLES, find_criterion as find_criterion
-from .certified import DesignOptions as DesignOptions
 from .design import design as design
 from .need import Needed as Needed, plan_for as plan_for
+from .options import DesignOptions as DesignOptions
 from .problem import joint_sd as joint_sd
 from .symmetry import equivalent_poses as equivalent_poses

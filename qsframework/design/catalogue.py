@@ -8,7 +8,9 @@ import numpy as np
 
 from qsframework.design.criteria import Criterion, Determinant, Linear, Sum
 from qsframework.design.minimax import Largest, SmallestEigenvalue
-from qsframework.errors import InputError, Problem, nearest
+from qsframework.design.options import CriterionName
+from qsframework.errors import InputError, Problem
+from qsframework.option import checked
 from qsframework.plugin import Array
 
 CRITERIA: dict[str, Criterion] = {
@@ -27,13 +29,6 @@ TITLES: dict[str, str] = {
 }
 
 
-def check_criterion(name: str) -> str:
-    """The name itself, or an InputError that lists the criteria."""
-    if name not in TITLES:
-        raise InputError(Problem(f"unknown criterion {name!r}", allowed=", ".join(TITLES), hint=nearest(name, TITLES)))
-    return name
-
-
 def find_criterion(
     name: str,
     interest: Sequence[int] = (),
@@ -47,7 +42,7 @@ def find_criterion(
     of the tip at J test poses per unit of each scaled parameter, m, for I and G; wanted: positions of the parameters
     that D, A and O3 speak of, the others being estimated beside them, None: all
     """
-    check_criterion(name)
+    checked("criterion", CriterionName, name)
     if name in ("D", "A", "O3", "E") and wanted is not None and len(wanted) < parameters:
         return _of_wanted(name, np.eye(parameters)[:, list(wanted)])
     if name in CRITERIA:

@@ -3,50 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from qsframework import errors
 from qsframework.design.column_generation import Relaxed, solve_columns
 from qsframework.design.minimax import Robust
+from qsframework.design.options import DesignOptions
 from qsframework.design.problem import DesignProblem, allowed_designs
 from qsframework.design.relaxed import optimum
 from qsframework.design.scoreboard import Scoreboard
 from qsframework.design.task import make_task
-from qsframework.errors import InputError, NotCertified, nearest
+from qsframework.errors import InputError, NotCertified
 from qsframework.information import Allowed, bound_of
 from qsframework.information.rows import CandidateRows, ScaledRows, gathered_information
 from qsframework.plugin import Array
 
-SOLVERS = ("columns", "cvxpy")
-
-STARTS = 30
 MOST_FOR_CVXPY = 5000
 _AIM = 1.0 - 1e-6
-
-
-@dataclass(frozen=True, kw_only=True)
-class DesignOptions:
-    """What is asked of a plan besides the number of its poses.
-
-    criterion and the parameters of interest (Ds, L); repeats: a pose may be measured more than once;
-    efficiency: what the relaxed design must be certified for; prior: the parameters' stated sds count as
-    readings; samples, worst: the criterion's mean (or worst) over so many draws of the parameters;
-    budget: total cost instead of a number of poses; solver: "columns", or "cvxpy" as the reference
-    """
-
-    criterion: str = "I"
-    interest: tuple[str, ...] = ()
-    repeats: bool = False
-    efficiency: float = 0.9999
-    prior: bool = False
-    samples: int = 1
-    worst: bool = False
-    budget: float | None = None
-    solver: str = "columns"
-    starts: int = STARTS
-    polish: bool = True
 
 
 def relaxed_design(
@@ -142,9 +116,6 @@ def _solve(
         if problem.priced:
             raise InputError("a budget with costs needs the solver columns")
         return _by_cvxpy(problem, rule, allowed, prior)
-    if options.solver != "columns":
-        hint = nearest(options.solver, SOLVERS)
-        raise InputError(errors.Problem(f"unknown solver {options.solver!r}", allowed=", ".join(SOLVERS), hint=hint))
     task = make_task(_priced(problem, options), rule, allowed, prior if prior.any() else None)
     rng = np.random.default_rng(seed)
     try:

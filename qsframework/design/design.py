@@ -10,12 +10,13 @@ from itertools import combinations, product
 import numpy as np
 
 from qsframework.design.candidates import Candidates, generate_candidates
-from qsframework.design.catalogue import check_criterion, find_criterion
-from qsframework.design.certified import DesignOptions, relaxed_design, shares
+from qsframework.design.catalogue import find_criterion
+from qsframework.design.certified import relaxed_design, shares
 from qsframework.design.column_generation import Relaxed
 from qsframework.design.criteria import Criterion
 from qsframework.design.exact import Quotas, exchange
 from qsframework.design.minimax import Robust
+from qsframework.design.options import CriterionName, DesignOptions
 from qsframework.design.polish import polish
 from qsframework.design.problem import (
     DesignProblem,
@@ -51,7 +52,7 @@ Progress = Callable[[str, int, int], None]
 def design(
     experiment: Experiment,
     poses: int,
-    criterion: str = "I",
+    criterion: CriterionName = "I",
     candidates: int | Candidates | Array = 1000,
     seed: int = 0,
     repeats: bool = False,
@@ -88,7 +89,6 @@ def design(
         NotCertified: where the certificate misses the required efficiency.
     """
     options = options or DesignOptions(criterion=criterion, repeats=repeats)
-    check_criterion(options.criterion)
     tell: Progress = progress or (lambda step, done, total: None)
     if isinstance(candidates, int):
         told = partial(tell, "candidate poses")

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from qsframework.design.candidates import Candidates
-from qsframework.design.certified import DesignOptions
 from qsframework.design.design import design
+from qsframework.design.options import DesignOptions
 from qsframework.design.problem import tip_rows
 from qsframework.elastostatics import Site
 from qsframework.errors import NotIdentifiable

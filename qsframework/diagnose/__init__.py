@@ -1,20 +1,5 @@
 """What the model gets wrong, which cause explains it, and what the extended model gains."""
 
-from qsframework.diagnose.diagnose import LEVEL, STEPS, diagnose
-from qsframework.diagnose.linearization.candidates import Cause, find_causes
-from qsframework.diagnose.result import AlternativeCause, Diagnosis, Errors, Leftover, Line, NamedCause, Value
+from lazy_loader import attach_stub
 
-__all__ = [
-    "LEVEL",
-    "STEPS",
-    "AlternativeCause",
-    "Cause",
-    "Diagnosis",
-    "Errors",
-    "Leftover",
-    "Line",
-    "NamedCause",
-    "Value",
-    "diagnose",
-    "find_causes",
-]
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

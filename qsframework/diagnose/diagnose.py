@@ -15,6 +15,7 @@ from qsframework.diagnose.likeness import alike
 from qsframework.diagnose.linearization.candidates import Cause, Untested, find_causes
 from qsframework.diagnose.linearization.columns import Case, make_case
 from qsframework.diagnose.linearization.generic_blocks import generic_blocks, motions
+from qsframework.diagnose.options import LEVEL, Level
 from qsframework.diagnose.residuals.audited_rows import (
     bic,
     far_from_linear,
@@ -75,13 +76,13 @@ from qsframework.experiment.observations import REACH, ReadingRows, start_values
 from qsframework.identify.pose_spread import check_pose_spread
 from qsframework.identify.selection import at_found_markers
 from qsframework.information.identifiable import in_order
+from qsframework.option import Seed
 from qsframework.plugin import Array, Indices
 from qsframework.screening import Mistake, adopted, find_mistakes
 from qsframework.screening.convention_changes import ConventionChange
 from qsframework.screening.conventions import check_structures, fits_better
 from qsframework.work.threads import on_one_thread
 
-LEVEL = 0.02
 _LIBRARY_SHARE = 0.6
 """Of the level that the library's test gets; the generic blocks of the closing gate get the rest."""
 _GROSS = 0.01
@@ -160,8 +161,8 @@ def diagnose(
     experiment: Experiment,
     readings: Readings,
     *,
-    level: float = LEVEL,
-    seed: int = 0,
+    level: Level = LEVEL,
+    seed: Seed = 0,
     largest: int = LARGEST,
     repeats: int = 3,
     progress: Progress | None = None,

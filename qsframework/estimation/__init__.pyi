@@ -7,7 +7,7 @@ from .noise import (
     rounding as rounding,
 )
 from .observations import Observations as Observations, scales as scales
-from .options import METHODS as METHODS, PLAIN as PLAIN, FitOptions as FitOptions
+from .options import PLAIN as PLAIN, FitOptions as FitOptions
 from .projection import left as left, orthonormal as orthonormal
 from .rank import RankTest as RankTest, rank_test as rank_test
 from .solver import Solution as Solution, settle as settle, solve as solve

@@ -3,52 +3,48 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
-from qsframework.errors import InputError, Problem, nearest
-from qsframework.estimation.robust import LOSSES
+from qsframework.errors import Problem
 from qsframework.files import FileRecord
+from qsframework.option import Option, Options
 
-METHODS = ("one-step", "two-step")
-SHARED = ("", "pose")
+Linear = Annotated[bool, Option("Balance the load at the undeflected pose, as the paper does.")]
 
 
 @dataclass(frozen=True, kw_only=True)
-class FitOptions(FileRecord):
-    """method      "one-step", or "two-step" for an arm with a balancer: its joint angle by angle first
-    linear      the load balanced at the undeflected pose, as the paper does; else the full equilibrium
-    bounds      keep the parameters' bounds; without them a wrong model shows itself in a value beyond one
-    priors      stated values and sds count as readings
-    loss        "linear" (squares), "huber" or "soft_l1"
-    fixed       parameters that stay at their nominal values
-    tied        groups that keep the ratios of their nominal values
-    shared      "pose": the markers of a visit share an error, whose sd is estimated (REML)
-    profile     parameters whose 95 % profile intervals are wanted
-    keep_all    mask no reading, however gross
-    starts      more starts for models that bend
-    """
+class FitOptions(Options, FileRecord):
+    """How a fit is made."""
 
-    method: str = "one-step"
-    linear: bool = False
-    bounds: bool = False
-    priors: bool = False
-    loss: str = "linear"
-    fixed: tuple[str, ...] = ()
-    tied: tuple[tuple[str, ...], ...] = ()
-    shared: str = ""
-    profile: tuple[str, ...] = ()
-    keep_all: bool = False
+    method: Annotated[
+        str,
+        Option("one-step, or two-step (a balanced joint angle by angle first).", choices=("one-step", "two-step")),
+    ] = "one-step"
+    linear: Linear = False
+    bounds: Annotated[bool, Option("Keep the parameters' bounds.")] = False
+    priors: Annotated[bool, Option("Use stated values and sds as prior information.")] = False
+    loss: Annotated[str, Option("linear, huber or soft_l1.", choices=("linear", "huber", "soft_l1"))] = "linear"
+    fixed: Annotated[tuple[str, ...], Option("Hold this parameter at its value.")] = ()
+    tied: Annotated[
+        tuple[tuple[str, ...], ...], Option("Keep the ratio of their nominal values.", form="NAME,NAME")
+    ] = ()
+    profile: Annotated[tuple[str, ...], Option("Profile interval, 95 %, of this parameter.")] = ()
+    keep_all: Annotated[bool, Option("Mask no reading: outliers are used too.", group="Readings")] = False
+    shared: Annotated[
+        str,
+        Option(
+            "Estimate the repeatability error, which the markers of a visit share.",
+            name="shared-error",
+            choices=("", "pose"),
+            switch="pose",
+        ),
+    ] = ""
     starts: int = 5
+    """Further starts for models that bend."""
 
-    def __post_init__(self) -> None:
-        problems: list[Problem] = []
-        for what, value, allowed in (
-            ("method", self.method, METHODS),
-            ("loss", self.loss, LOSSES),
-            ("shared error", self.shared, SHARED),
-        ):
-            if value not in allowed:
-                told = ", ".join(a for a in allowed if a)
-                problems.append(Problem(f"unknown {what} {value!r}", allowed=told, hint=nearest(value, allowed)))
+    def _problems(self) -> list[Problem]:
+        """Besides the values, what does not go together."""
+        problems = super()._problems()
         grouped = [name for group in self.tied for name in group]
         twice = dict.fromkeys(n for n in grouped if n in self.fixed or grouped.count(n) > 1)
         if twice:
@@ -62,8 +58,7 @@ class FitOptions(FileRecord):
                     "profile are for method one-step"
                 )
             )
-        if problems:
-            raise InputError(problems)
+        return problems
 
 
 PLAIN = FitOptions()

@@ -8,7 +8,6 @@ import numpy as np
 
 from qsframework.plugin import Array
 
-LOSSES = ("linear", "huber", "soft_l1")
 _CORNER = {"linear": np.inf, "huber": 1.345, "soft_l1": 1.345}
 """Residuals, in their sd, beyond which a reading loses weight; Huber's value keeps 95 % of the information."""
 

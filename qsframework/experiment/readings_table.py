@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qsframework.elastostatics import make_model
-from qsframework.errors import InputError, Problem, nearest
+from qsframework.errors import InputError, Problem
 from qsframework.experiment.columns import (
     IMPORT,
     MOST_PROBLEMS,
@@ -31,17 +31,18 @@ from qsframework.experiment.columns import (
 from qsframework.experiment.differences import differences, has_pairs
 from qsframework.experiment.frames import PLANE, POINT, Frame
 from qsframework.experiment.kinds import Part, check_kinds, which_sigma
+from qsframework.experiment.options import ReadAs
 from qsframework.experiment.plan import joint_columns
 from qsframework.experiment.readings import UNSTATED, Made, Readings, States, axes_along, joined
 from qsframework.experiment.reads import Reads, averaged
 from qsframework.experiment.setup import GEOMETRY, Experiment
 from qsframework.files import read_yaml, sha256
+from qsframework.option import checked
 from qsframework.plausible import RANGES
 from qsframework.plugin import Array, Conditions, Geometry, Indices, Poses, Sensor
 from qsframework.plugin.facts import came_from, frozen
 
 STATES = ("unloaded", "loaded")
-READ_AS = ("differences", "positions")
 _FORCE, _MOMENT = ("fx", "fy", "fz"), ("mx", "my", "mz")
 _XYZ, _MOVED, _ALONG = ("x", "y", "z"), ("dx", "dy", "dz"), ("ux", "uy", "uz")
 _RECORDED = ("time", "temperature", "approach")
@@ -152,9 +153,7 @@ def _header(path: Path) -> list[str]:
     return [name.strip() for name in header.split(",")]
 
 
-def read_readings(
-    path: str | Path | Sequence[str | Path], experiment: Experiment, states: str | None = None
-) -> Readings:
+def read_readings(path: str | Path | Sequence[str | Path], experiment: Experiment, states: ReadAs = None) -> Readings:
     """Read and check one or more files of a campaign.
 
     Args:
@@ -171,8 +170,7 @@ def read_readings(
     """
     paths = [Path(p) for p in ([path] if isinstance(path, str | Path) else path)]
     states = states or experiment.states
-    if states is not None and states not in READ_AS:
-        raise InputError(Problem(f"states: {states!r}", allowed=", ".join(READ_AS), hint=nearest(states, READ_AS)))
+    checked("states", ReadAs, states)
     if not paths:
         raise InputError(
             Problem("no files of readings to read", hint=f"Name one, or add `data:` to {experiment.path}.")
@@ -199,7 +197,7 @@ def _read(path: Path, experiment: Experiment, states: str | None) -> Part:
 
 
 def readings_of(
-    path: Path, header: Sequence[str], rows: Sequence[Sequence[str]], experiment: Experiment, states: str | None = None
+    path: Path, header: Sequence[str], rows: Sequence[Sequence[str]], experiment: Experiment, states: ReadAs = None
 ) -> Readings:
     """The readings of cells that stand in no file yet: as `read_readings` would read them, row k in line k + 2."""
     table = make_table(path, list(enumerate([header, *rows], start=1)), _columns_of(header, experiment))

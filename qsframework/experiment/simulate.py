@@ -9,18 +9,19 @@ import numpy as np
 import numpy.typing as npt
 
 from qsframework.elastostatics import Model
-from qsframework.errors import InputError, Problem, nearest
+from qsframework.errors import InputError
+from qsframework.estimation.options import Linear
 from qsframework.experiment.observations import make_rows
+from qsframework.experiment.options import Truth
 from qsframework.experiment.plan import Plan
 from qsframework.experiment.readings import UNSTATED, Made, Readings, States, joined
 from qsframework.experiment.setup import Experiment
 from qsframework.experiment.stations import seen_markers, station_of
+from qsframework.option import Seed, checked
 from qsframework.plugin import Array, Conditions, Indices, Poses
 from qsframework.plugin.facts import frozen
 from qsframework.robot.sight import Flags
 from qsframework.viewed import Viewed
-
-TRUTHS = ("nominal", "drawn")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -39,9 +40,9 @@ def simulate(
     experiment: Experiment,
     plan: Plan,
     x: Array | None = None,
-    truth: str = "nominal",
-    seed: int = 0,
-    linear: bool = False,
+    truth: Truth = "nominal",
+    seed: Seed = 0,
+    linear: Linear = False,
 ) -> Simulation:
     """Measure a plan in simulation, with independent Gaussian noise on every coordinate.
 
@@ -193,9 +194,9 @@ def simulate_rows(
     experiment: Experiment,
     readings: Readings,
     x: Array | None = None,
-    truth: str = "nominal",
-    seed: int = 0,
-    linear: bool = False,
+    truth: Truth = "nominal",
+    seed: Seed = 0,
+    linear: Linear = False,
 ) -> Simulation:
     """Measure the rows of readings in simulation, of whatever kind: each with its sigma, in the frames that suit the
     readings; of a touched point what the marker is off the point. x, truth, seed and linear as for `simulate`."""
@@ -269,8 +270,7 @@ def _stacked(parts: list[Conditions]) -> Conditions:
 
 def _truth(experiment: Experiment, truth: str, rng: np.random.Generator) -> Array:
     """Values (p,) of a truth; drawn: from stated sds, or from the typical size of an error that `fit` asks for."""
-    if truth not in TRUTHS:
-        raise InputError(Problem(f"unknown truth {truth!r}", allowed=", ".join(TRUTHS), hint=nearest(truth, TRUTHS)))
+    checked("truth", Truth, truth)
     model = experiment.model()
     if truth == "nominal":
         return model.nominal

@@ -12,13 +12,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 from functools import cache
-from typing import Any, ClassVar, get_args, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 import numpy as np
 import pydantic
 from pydantic_core import core_schema
 
 from qsframework.files.plain import is_list, is_tuple
+from qsframework.files.record import FileRecord
 
 
 @dataclass(frozen=True)
@@ -75,13 +76,6 @@ class FileModel(pydantic.BaseModel):
         allow_inf_nan=False,
         defer_build=True,  # a command reads few of the kinds of files that there are
     )
-
-
-class FileRecord:
-    """A frozen dataclass whose fields are the keys of a file that qsframework itself writes: `validate` reads it,
-    `as_file` writes it. Keys that are for people only are passed over."""
-
-    __pydantic_config__: ClassVar = pydantic.ConfigDict(strict=True, allow_inf_nan=False)
 
 
 @cache

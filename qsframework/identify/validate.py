@@ -16,8 +16,10 @@ from qsframework.experiment.account import Account
 from qsframework.experiment.observations import ReadingRows, start_values, values_before
 from qsframework.files import as_file
 from qsframework.identify.identify import identify
+from qsframework.identify.options import Halves
 from qsframework.identify.record import FitRecord
 from qsframework.identify.soundness import check_robot
+from qsframework.option import Seed
 from qsframework.plugin import Array, Indices
 from qsframework.viewed import Viewed
 
@@ -136,7 +138,7 @@ def fitted_frames(fit: FitRecord, rows: ReadingRows, model: Model, x: Array) -> 
 
 
 def validate_halves(
-    experiment: Experiment, readings: Readings, fit: FitRecord, halves: int, seed: int = 0
+    experiment: Experiment, readings: Readings, fit: FitRecord, halves: Halves, seed: Seed = 0
 ) -> Validation:
     """Fits like a stored one to random halves of the readings, each judged on the other half.
 

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from qsframework.diagnose.diagnose import LEVEL
 from qsframework.diagnose.error_budget import error_budget
 from qsframework.diagnose.learn import curve, dots
+from qsframework.diagnose.options import LEVEL
 from qsframework.diagnose.result import Diagnosis, LearnedLaw
 from qsframework.diagnose.selection.family_test import FamilyBlock, chance
 from qsframework.diagnose.selection.principal_angles import alias_classes, angle_matrix

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from qsframework.errors import InputError, Problem
@@ -12,26 +11,13 @@ from qsframework.files import write_folder
 from qsframework.plausible import RANGES
 from qsframework.robot.denavit_file import read_denavit
 from qsframework.robot.loader import load_robot
+from qsframework.robot.options import Arm
 from qsframework.robot.packages import Sources
 from qsframework.robot.scaffold import propose
 from qsframework.robot.scaffold_joints import ChainJoint
 from qsframework.robot.statics import GravityCheck, check_statics
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Arm:
-    """Which arm of a description: base and flange, links that it ends at, found where left out; payload kg, from the
-    manual; packages: folders by name, arguments: texts by name, that a xacro asks for; modified: the table is the
-    modified one (Craig)."""
-
-    base: str | None = None
-    flange: str | None = None
-    payload: float | None = None
-    packages: Mapping[str, Path] = field(default_factory=dict[str, Path])
-    arguments: Mapping[str, str] = field(default_factory=dict[str, str])
-    modified: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -311,9 +311,9 @@ def test_what_was_not_measured_is_said(m900ib: Experiment, plan: Plan, tmp_path:
 
 
 def test_wrong_wishes(m900ib: Experiment, plan: Plan) -> None:
-    with pytest.raises(InputError, match=r"unknown drive state 'off'; allowed: servo, brake"):
+    with pytest.raises(InputError, match=r"unknown drive 'off'; allowed: servo, brake"):
         make_protocol(m900ib, plan, ProtocolOptions(drive="off"))
-    with pytest.raises(InputError, match=r"share of repeats; found 1.5; allowed: 0 to 1"):
+    with pytest.raises(InputError, match=r"repeat share; found 1.5; allowed: 0 to 1"):
         make_protocol(m900ib, plan, ProtocolOptions(repeat_share=1.5))
     with pytest.raises(InputError, match=r"F: no load at p01, p02"):
         make_protocol(m900ib, replace(plan, wrench=np.zeros((12, 6))), file="F")

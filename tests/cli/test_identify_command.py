@@ -113,7 +113,7 @@ def test_states_are_read_as_asked(states: Path, tmp_path: Path) -> None:
             if name in known.names:
                 truth = known.nominal[known.names.index(name)]
                 assert abs(e["value"] - truth) < 5 * e["sd"], (way, name)
-    with pytest.raises(InputError, match=r"states: 'difference'.*allowed: differences, positions"):
+    with pytest.raises(InputError, match=r"unknown states 'difference'.*allowed: differences, positions"):
         run("identify", experiment, str(states), "--states", "difference")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -33,6 +34,22 @@ def with_loads(experiment: Experiment, **change: object) -> Experiment:
     return experiment.with_(loads=(first, *experiment.loads[1:]))
 
 
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"solver": "simplex"}, "unknown solver 'simplex'; allowed: columns, cvxpy"),
+        ({"criterion": "Q"}, "unknown criterion 'Q'; allowed: I, G"),
+        ({"efficiency": 1.01}, "efficiency; found 1.01; allowed: 0 to 1"),
+        ({"samples": 0}, "samples; found 0; allowed: 1 to 1000"),
+    ],
+)
+def test_options_that_are_none(wrong: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError, match=words) as refused:
+        DesignOptions(**wrong)
+    (problem,) = refused.value.problems
+    assert problem.argument == (*wrong, "")
+
+
 @pytest.mark.parametrize("rows", [None, np.zeros((0, 3, 6))])
 def test_a_criterion_of_the_tip_needs_test_poses(rows: Array | None) -> None:
     with pytest.raises(InputError, match="criterion I needs test poses"):
@@ -49,7 +66,6 @@ def test_a_criterion_of_the_tip_needs_test_poses(rows: Array | None) -> None:
             8,
             "that are not fitted",
         ),
-        (DesignOptions(criterion="D", solver="simplex"), 8, "unknown solver 'simplex'; allowed: columns, cvxpy"),
         (DesignOptions(criterion="D"), 2, "the loads ask for 3 poses in all, the plan has 2"),
         (DesignOptions(criterion="D"), 60, "too few candidates"),
         (DesignOptions(criterion="D", budget=9.0), 8, "with a budget the loads say poses_min"),
@@ -91,7 +107,7 @@ def test_an_efficiency_beyond_all_is_not_certified(m900ib: Experiment, few: Arra
             m900ib,
             8,
             candidates=few,
-            options=DesignOptions(criterion="D", efficiency=1.1, polish=False, solver="cvxpy"),
+            options=DesignOptions(criterion="D", efficiency=1.0, polish=False, solver="cvxpy"),
         )
 
 

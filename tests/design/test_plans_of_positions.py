@@ -9,9 +9,10 @@ import pytest
 
 from qsframework.design import design
 from qsframework.design.candidates import generate_candidates
-from qsframework.design.certified import DesignOptions, relaxed_design
+from qsframework.design.certified import relaxed_design
 from qsframework.design.criteria import Determinant
 from qsframework.design.minimax import Robust
+from qsframework.design.options import DesignOptions
 from qsframework.design.problem import make_problem
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Plan, load_experiment, simulate

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from qsframework.cli.diagnose import Asked as DesignOptions, DiagnoseFiles, run_diagnose
-from qsframework.diagnose import Diagnosis, diagnose
+from qsframework.cli.diagnose import DiagnoseFiles, run_diagnose
+from qsframework.diagnose import DiagnoseOptions, Diagnosis, diagnose
 from qsframework.diagnose.audit_entries import Audited, audited_of, audited_readings
 from qsframework.errors import InputError
 from qsframework.experiment import (
@@ -66,7 +66,7 @@ def test_what_is_said_to_come_next_runs(tmp_path: Path, capsys: pytest.CaptureFi
     readings = tmp_path / "readings.csv"
     write_readings(readings, hardened().readings, campaign())
     files = DiagnoseFiles(experiment=campaign().path, data=(readings,), extend=tmp_path / "out")
-    run_diagnose(files, DesignOptions(count=1))
+    run_diagnose(files, DiagnoseOptions(count=1))
     told = [line for line in capsys.readouterr().out.splitlines() if line.startswith("next: ")]
     assert told == [f"next: qsf identify {tmp_path / 'out' / 'experiment.yaml'}"]
     again = load_experiment(tmp_path / "out" / "experiment.yaml")

@@ -13,7 +13,7 @@ from sources import LIBRARY, PLUGINS, ROOT, complaints, tree
 
 LAYERS = (
     ("errors",),
-    ("units",),
+    ("units", "option"),
     ("plausible", "terminal", "viewed"),
     ("files",),
     ("work",),

@@ -14,7 +14,6 @@ import numpy as np
 from qsframework.applications.importers.campaign import EMPTY, Campaign, PlanSlot, read_campaign
 from qsframework.applications.importers.checking import Placed, check_places, check_units
 from qsframework.applications.importers.joining import (
-    JOINS,
     check_planned,
     join_order,
     join_time,
@@ -23,7 +22,6 @@ from qsframework.applications.importers.joining import (
     visits_of,
 )
 from qsframework.applications.importers.matching import (
-    MATCHES,
     Naming,
     TrackerPoint,
     check_order_meant,
@@ -47,7 +45,8 @@ from qsframework.applications.importers.tables import (
 )
 from qsframework.applications.importers.vocabulary import own_columns
 from qsframework.applications.importers.writing import readings_rows, rewritten_rows
-from qsframework.errors import InputError, Problem, nearest
+from qsframework.applications.options import ImportOptions
+from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment, Frame, Readings
 from qsframework.experiment.readings_table import displacement_columns, readings_of, state_columns
 from qsframework.plugin import Array
@@ -57,32 +56,7 @@ UNLOADED = "unloaded"
 """Alignment by the campaign's own unloaded readings."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class ImportOptions:
-    """What the user says. columns: a column's name or number by role; units: of what nobody else says; names:
-    found=meant in names; match: how points find their readings; join: how a joint log is joined, "" by its names if it
-    has any; state: of points that do not say it; ignore: patterns of points' names; sheet, separator, decimal: of the
-    files; clock: s, the log's clock minus the tracker's; align: "", "unloaded" or a file of known points, base frame;
-    within: m, how far a point may lie from where its pose puts its marker
-    """
-
-    columns: Mapping[str, str]
-    units: tuple[str, ...] = ()
-    names: Mapping[str, str]
-    match: str = "names"
-    join: str = ""
-    state: str = ""
-    series: str = ""
-    ignore: tuple[str, ...] = ()
-    sheet: str = ""
-    separator: str = ""
-    decimal: str = ""
-    clock: float = 0.0
-    align: str = ""
-    within: float = 0.05
-
-
-PLAIN_OPTIONS = ImportOptions(columns={}, names={})
+PLAIN = ImportOptions()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -113,7 +87,7 @@ class Imported:
 
 
 def import_readings(
-    experiment: Experiment, files: Sequence[Path], plan: Path | None = None, options: ImportOptions = PLAIN_OPTIONS
+    experiment: Experiment, files: Sequence[Path], plan: Path | None = None, options: ImportOptions = PLAIN
 ) -> Imported:
     """Readings from point lists and joint logs.
 
@@ -129,7 +103,6 @@ def import_readings(
     Raises:
         InputError: with file, row, what was found and what to state, wherever two interpretations are possible.
     """
-    _check_options(options)
     units = stated_units(options.units)
     sheets = _collected(
         [partial(read_sheet, p, options.sheet, options.separator, options.decimal, options.ignore) for p in files]
@@ -164,20 +137,6 @@ def _collected(calls: Sequence[Callable[[], T]]) -> list[T]:
     if problems:
         raise InputError(problems)
     return out
-
-
-def _check_options(options: ImportOptions) -> None:
-    problems = [
-        Problem(f"unknown way to {what}", found=repr(value), allowed=", ".join(allowed), hint=nearest(value, allowed))
-        for what, value, allowed in (("match points", options.match, MATCHES), ("join a log", options.join, JOINS))
-        if value and value not in allowed
-    ]
-    if not 0.0 < options.within < 100.0:
-        problems.append(
-            Problem("the distance within which a point fits", found=f"{options.within:g} m", allowed="0 to 100 m")
-        )
-    if problems:
-        raise InputError(problems)
 
 
 def _is_ours(sheet: Sheet, experiment: Experiment) -> bool:

@@ -15,7 +15,6 @@ from qsframework.errors import InputError, Problem
 from qsframework.experiment.columns import MOST_PROBLEMS
 from qsframework.plugin import Array
 
-JOINS = ("names", "order", "time")
 _STILL = np.deg2rad(0.02)
 """An arm whose angles change by less stands still; controllers show hundredths."""
 _PLANNED = np.deg2rad(1.0)

@@ -20,7 +20,6 @@ from qsframework.errors import InputError, Problem, nearest
 from qsframework.experiment import Experiment, Frame
 from qsframework.experiment.columns import MOST_PROBLEMS
 
-MATCHES = ("names", "order", "nearest")
 _REFLECTOR = re.compile(
     r"\b(rrr|ccr|smr|tbr|brr|rfi|tmc|t-?mac|prism|cat-?eye|reflector|reflektor|corner cube)\b", re.IGNORECASE
 )

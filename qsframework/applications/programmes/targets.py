@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -17,6 +17,7 @@ import numpy as np
 from qsframework.applications.compensate import Compensation
 from qsframework.applications.controller_names import axis_names, maker_of
 from qsframework.applications.inverse import TipPose, find_joints, rigid_tip
+from qsframework.applications.options import ProgrammeOptions
 from qsframework.applications.programmes.names import AMBIGUOUS
 from qsframework.applications.programmes.poses import POSES, Orientation, matrix, numbers_of
 from qsframework.applications.programmes.reading import parse_source, read_source
@@ -34,19 +35,6 @@ _SEED = 0
 _LISTED, _MOST = 20, 1000
 """Names in a sentence, and problems that are said at once."""
 Tell = Callable[[str, int, int], None]
-
-
-@dataclass(frozen=True, kw_only=True)
-class ProgrammeOptions:
-    """What a programme does not say. loads: (6,) N and N m of each point, "" for all others; keep: points and motions
-    to leave as they are; tools, frames: (6,) as the controller shows them, by their names or by a point's; start (m,)
-    rad or nothing: where the search for the joint angles of Cartesian points begins."""
-
-    loads: Mapping[str, Array]
-    keep: tuple[str, ...] = ()
-    tools: Mapping[str, Array] = field(default_factory=dict[str, Array])
-    frames: Mapping[str, Array] = field(default_factory=dict[str, Array])
-    start: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,42 @@
+"""What a plan is to be, besides the number of its poses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from qsframework.option import Option, Options
+
+STARTS = 30
+
+CriterionName = Annotated[
+    str,
+    Option(
+        "I: mean error of the tip after compensation; G: the largest one; D, A, E, O3: of the parameters; Ds, L: of "
+        "the parameters of interest.",
+        group="Criterion",
+        choices=("I", "G", "D", "A", "O3", "E", "Ds", "L"),
+    ),
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class DesignOptions(Options):
+    """What is asked of a plan besides the number of its poses."""
+
+    budget: Annotated[
+        float | None, Option("Total cost instead of a number of poses, by the loads' `cost`.", group="Plan")
+    ] = None
+    repeats: Annotated[bool, Option("Allow a pose to be measured more than once.")] = False
+    criterion: CriterionName = "I"
+    interest: Annotated[tuple[str, ...], Option("A parameter of interest for Ds and L.")] = ()
+    prior: Annotated[bool, Option("Use the stated sd of each parameter as prior information.")] = False
+    samples: Annotated[int, Option("Draws of the parameters that the plan must serve.", least=1, most=1000)] = 1
+    worst: Annotated[bool, Option("Minimax over the samples instead of their mean.")] = False
+    efficiency: Annotated[float, Option("Efficiency that must be certified.", group="Search", least=0.0, most=1.0)] = (
+        0.9999
+    )
+    solver: Annotated[str, Option("'columns', or 'cvxpy' as the reference.", choices=("columns", "cvxpy"))] = "columns"
+    polish: Annotated[bool, Option("Refine the angles continuously, off the candidates.")] = True
+    starts: int = STARTS
+    """Of the exchange."""

@@ -1,0 +1,35 @@
+"""What is asked of a diagnosis, and of the poses that would decide what it leaves open."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from qsframework.option import Option, Options, Seed
+
+LEVEL = 0.02
+
+Level = Annotated[float, Option("False-alarm probability.", group="Diagnosis")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiagnoseOptions(Options):
+    """How to diagnose, and which visits of a second day to plan."""
+
+    level: Level = LEVEL
+    follow_up: Annotated[
+        int,
+        Option(
+            "Plan N visits of a second day that decide what is open.",
+            group="Further poses",
+            form="N",
+            least=0,
+            most=1000,
+            shown=False,
+        ),
+    ] = 0
+    without: Annotated[
+        tuple[str, ...],
+        Option("A link that nobody can mount a reflector on (world: the floor; gauges: no dial gauge).", form="LINK"),
+    ] = ()
+    seed: Seed = 0
