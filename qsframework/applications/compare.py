@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,9 +18,10 @@ from qsframework.errors import InputError, NotCertified, NotConverged, NotIdenti
 from qsframework.estimation import scales
 from qsframework.experiment import Constraints, Experiment, LoadCase, Marker, Plan, StatedNoise
 from qsframework.information import information_rows, predicted_sd
+from qsframework.option import Seed
 from qsframework.plugin import Array, Parameter, Poses
 from qsframework.plugin.facts import frozen
-from qsframework.robot import Robot
+from qsframework.robot import Robot, as_robot
 from qsframework.robot.collision import Flags, above_floor, make_collider
 from qsframework.robot.kinematics import joint_frames
 from qsframework.viewed import Viewed
@@ -114,9 +116,9 @@ def _robot_json(r: Compared, shared: Flags) -> dict[str, Any]:
 
 
 def compare(
-    robots: Sequence[Robot],
+    robots: Sequence[Robot | str | Path],
     task: Task,
-    seed: int = 0,
+    seed: Seed = 0,
     tell: Tell | None = None,
     notes: Mapping[str, Sequence[str]] | None = None,
     work: Work = HERE,
@@ -124,7 +126,7 @@ def compare(
     """Compare robots on a task, each by its nominal parameters (see `with_fit`).
 
     Args:
-        robots: two or more robots, by name, by path or as Robot.
+        robots: two or more, each a Robot, its name, or its path, which may be relative to the task's file.
         task: path, map and campaign.
         seed: random seed of the candidates of the campaign.
         tell: called with each step, its number and how many there are.
@@ -137,6 +139,7 @@ def compare(
     Raises:
         InputError: where a robot is not found or cannot do the task's campaign.
     """
+    robots = [as_robot(robot, task.path.parent) for robot in robots]
     names = [r.name for r in robots]
     if len(set(names)) != len(names) or len(names) < 2:
         raise InputError(f"compare needs two or more different robots, found {', '.join(names)}")

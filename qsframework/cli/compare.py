@@ -13,7 +13,7 @@ from qsframework.cli.pairs import pairs
 from qsframework.cli.printing import print_folded, print_table, print_verdict
 from qsframework.cli.progress import progress
 from qsframework.errors import InputError, Problem
-from qsframework.robot import Robot, load_robot
+from qsframework.robot import Robot, as_robot
 from qsframework.work import HERE, Work
 
 
@@ -36,8 +36,7 @@ def run_compare(
     fit_files = pairs("--fit", fits, "ROBOT=fit.json")
     distinct_outputs([json, report], [task_file, *map(Path, fit_files.values())])
     task = load_task(task_file)
-    robots = [load_robot(name, beside=task_file.parent) for name in names]
-    robots, notes = identified(robots, fit_files, anyway)
+    robots, notes = identified([as_robot(name, task_file.parent) for name in names], fit_files, anyway)
     with progress() as tell:
         result = compare(robots, task, seed, tell, notes, work)
     table = summary_table(result)

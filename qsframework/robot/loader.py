@@ -34,11 +34,12 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 
-def as_robot(robot: object) -> Robot:
+def as_robot(robot: object, beside: Path | None = None) -> Robot:
     """A robot, or the one that a name or a path means.
 
     Args:
         robot: a Robot, a shipped robot's name, or the path of its folder or robot.yaml.
+        beside: a folder in which a relative path is looked for too.
 
     Returns:
         The Robot.
@@ -53,7 +54,7 @@ def as_robot(robot: object) -> Robot:
         raise InputError(
             Problem("a robot is needed", found=found, allowed="a Robot, its name, or the path of its folder")
         )
-    return load_robot(robot)
+    return load_robot(robot, beside)
 
 
 def load_robot(name: str | Path, beside: Path | None = None, *, trust: bool | None = None) -> Robot:

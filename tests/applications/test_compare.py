@@ -23,7 +23,7 @@ from qsframework.estimation import FitOptions
 from qsframework.experiment import load_experiment, read_readings, simulate
 from qsframework.identify import identify, read_fit, write_fit
 from qsframework.plugin import Poses
-from qsframework.report.compare_section import heat_maps, path_figure
+from qsframework.report.compare_section import heat_maps, path_figure, sd_tables
 from qsframework.robot import load_robot
 from qsframework.robot.collision import lowest_point, make_collider
 from qsframework.robot.kinematics import joint_frames
@@ -43,6 +43,40 @@ def task(root: Path) -> Task:
 @pytest.fixture(scope="module")
 def result(task: Task) -> Comparison:
     return compare([load_robot(name) for name in NAMES], task)
+
+
+def test_a_robot_is_taken_by_name_by_path_and_as_it_is(result: Comparison, task: Task, root: Path) -> None:
+    """A path may be relative to the task's file; what is no robot is refused in words."""
+    named = compare([NAMES[0], load_robot(NAMES[1])], task)
+    assert named.as_json() == result.as_json()
+    assert [r.robot.name for r in named.robots] == list(NAMES)
+    beside = replace(task, path=root / "robots" / "task.yaml")
+    with pytest.raises(InputError, match="compare needs two or more different robots, found fanuc_m900ib, fanuc_m900i"):
+        compare([NAMES[0], Path(NAMES[0]) / "robot.yaml"], beside)
+    with pytest.raises(InputError, match=r"unknown robot 'fanuc_m900'.*Did you mean 'fanuc_m900ib'"):
+        compare(["fanuc_m900", NAMES[1]], task)
+
+
+def test_a_comparison_shows_itself(result: Comparison, task: Task, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One line, a text of the terminal's width, tables in HTML, a row of the frame for each robot and point, a plot."""
+    monkeypatch.setenv("COLUMNS", "100")
+    assert repr(result).startswith("<Comparison: ")
+    assert "\n" not in repr(result)
+    assert len(repr(result)) < 400
+    text, page = str(result), result._repr_html_()
+    assert max(map(len, text.splitlines())) <= 100
+    for name in NAMES:
+        assert name in text
+        assert name in page
+    assert page.count("<table>") == 1 + len(sd_tables(result))
+    frame = result.to_frame()
+    assert list(frame.columns) == ["robot", "point", "deflection_m", "after_m"]
+    assert len(frame) == len(NAMES) * len(task.points)
+    np.testing.assert_array_equal(frame["deflection_m"], np.concatenate([r.task for r in result.robots]))
+    np.testing.assert_array_equal(frame["after_m"], np.concatenate([r.after for r in result.robots]))
+    drawn = [np.asarray(trace.y, float) for trace in result.plot().data]
+    for r in result.robots:
+        assert any(len(y) == len(r.task) and np.allclose(y, 1e3 * r.task, equal_nan=True) for y in drawn)
 
 
 def test_the_tool_stands_where_it_is_asked(result: Comparison, task: Task) -> None:
