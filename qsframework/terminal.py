@@ -13,7 +13,11 @@ _WHOLE = 20
 """Characters up to which a cell is never broken: numbers with their unit and sd."""
 _WORDY = 24
 """A column with a longer cell holds words, and may stand below its row instead."""
-_UNIT = re.compile(r"(?<=\d) (?=(?:%|(?:mm|m|deg|mrad|rad|N|kN|Nm|N m|kg|s|h)\b))")
+_UNIT = re.compile(
+    r"(?<=\d) (?=±)|(?<=±) (?=\d)|(?<=\d) (?=(?:%|(?:[umn]?rad|[unm]?m|deg|[kM]?N|Nm|kg|s|h)\b))|(?<=\b[kM]N) (?=m\b)"
+    r"|(?<=\bN) (?=m\b)"
+)
+"""A space inside a quantity: around ± of an sd, before its unit, and within a unit such as urad/(kN m)^3."""
 _TIED = "\N{NO-BREAK SPACE}"
 """Between a number and its unit while lines are broken."""
 _GAP = 2

@@ -7,7 +7,7 @@ import re
 import pytest
 
 from qsframework.cli.printing import print_folded, print_table
-from qsframework.terminal import PIPE, table_lines, width
+from qsframework.terminal import PIPE, folded, table_lines, width
 
 HEADER = ("parameter", "value ± sd", "unit", "sd, % of initial", "initial", "status")
 ROWS = (
@@ -74,3 +74,23 @@ def test_a_pipe_is_a_hundred_wide(monkeypatch: pytest.MonkeyPatch, capsys: pytes
     assert max(map(len, lines)) <= 100
     assert lines[1].startswith("  ")
     assert " ".join(" ".join(lines[:4]).split()).startswith(said.strip()[:300])
+
+
+@pytest.mark.parametrize("room", [80, 100])
+def test_an_estimate_is_never_broken(room: int) -> None:
+    """With its sd and its unit it is one quantity, and stands below its row where the columns are too many for it."""
+    header = ("cause", "estimate ± sd", "s", "adjusted p", "delta EBIC", "held-out gain", "nearest, angle", "status")
+    long, short = "-0.1945 ± 0.0093 urad/(kN m)^3", "1.5 ± 0.2 %"
+    rest = ("20.9", "< 1e-16", "310.1", "27 %", "load_point_offset, 60 deg", "named")
+    lines = table_lines(header, [("joint_hardening[joint_3]", long, *rest), ("load_scale", short, *rest)], room)
+    assert max(map(len, lines)) <= room
+    assert sum(long in line for line in lines) == 1
+    assert sum(short in line for line in lines) == 1
+    alone = table_lines(header, [("load_scale", short, *rest)], room)
+    assert any(line.startswith("load_scale  ") and short in line for line in alone)
+
+
+def test_a_sentence_keeps_a_quantity_on_one_line() -> None:
+    said = "A further compliance beyond a knee torque (-0.1945 ± 0.0093 urad/(kN m)^3; s = 20.9)."
+    for room in range(45, 80):
+        assert any("-0.1945 ± 0.0093 urad/(kN m)^3" in line for line in folded(said, room, "").splitlines())
