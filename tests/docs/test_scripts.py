@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import html
 import inspect
 import re
 import runpy
+import shutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -61,6 +63,26 @@ def test_a_script_is_short(root: Path, name: str) -> None:
 def test_the_page_shows_every_script(root: Path) -> None:
     assert sorted(make_python.SCRIPTS) == sorted(p.stem for p in (root / "examples" / "scripts").glob("*.py"))
     assert make_python.page() == (root / "docs" / "python.md").read_text(), "run: python docs/make_python.py"
+
+
+def test_one_fit_is_the_same_in_all_six_printers(tmp_path: Path) -> None:
+    """Verdict, first value and held-out error, wherever they stand; the PDF where a browser is installed."""
+    out = make_python.printed(tmp_path, pdf=shutil.which("chromium") is not None)
+    assert list(make_python.PRINTERS) == ["Terminal", "Notebook", "Data frame", "JSON", "HTML", "PDF"]
+    page = html.unescape((tmp_path / "fit.html").read_text())
+    verdict = "1.176 → 0.406 mm (3D RMS at held-out poses); 5 of 6 parameters identified"
+    for text in (out[""], " ".join(out["Terminal"].split()), out["Notebook"], page):
+        assert verdict in text
+    for text in (out["Terminal"], out["Notebook"], page):
+        assert "1.161 ± 0.041" in text
+    assert "1.161e-06 4.108e-08" in " ".join(out["Data frame"].split())
+    assert "1.161e-06 ± 4.108e-08" in out["JSON"]
+    assert "held-out: 0.406 mm" in out["Data frame"]
+    assert "held-out: 4.056e-04 m" in out["JSON"]
+    assert out["HTML"] == "report: fit.html\n"
+    assert out["PDF"] == "report: fit.pdf\n"
+    if (tmp_path / "fit.pdf").exists():
+        assert (tmp_path / "fit.pdf").read_bytes().startswith(b"%PDF-")
 
 
 @pytest.fixture(scope="module")
