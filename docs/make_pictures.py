@@ -121,6 +121,8 @@ SESSION = """qsf robots
 qsf check gp18
 qsf check fanuc_m900ib {experiment}
 qsf design {experiment} -n 12 --candidates 400 -o plan.csv
+qsf show {experiment} plan.csv --html scene.html
+qsf protocol {experiment} plan.csv -o sheet.html --readings table.csv
 qsf simulate {experiment} plan.csv --truth drawn --seed 1 -o readings.csv
 qsf identify {experiment} readings.csv --json fit.json
 qsf identify {real}
@@ -129,35 +131,63 @@ qsf stiffness fanuc_m900ib --pose 0,20,-10,30,40,0 --load 0,0,-4000 --point 150,
 qsf compensate {experiment} fit.json {targets} -o corrected.csv
 qsf export {experiment} plan.csv --to fanuc-ls --hold -o campaign.ls
 qsf diagnose {hidden}
+qsf diagnose {hidden} plan.csv
+qsf diagnose {ur10} --extend extended
+qsf identify extended/experiment.yaml --json positions.json
+qsf kinematics extended/experiment.yaml positions.json --urdf corrected.urdf --offsets offsets.csv
+qsf certificate extended/experiment.yaml positions.json --halves 3 -o certificate.html
+qsf day {day} {day_plan} -o session --cycles 1 --no-half --repeat-share 0 --watch {exports} --once
+qsf import {ur10} {tracker} --mapping {mapping} --series D -o ur10.csv
+qsf compare fanuc_m900ib fanuc_r2000ic --task {task}
+qsf new arm --urdf {urdf} -o arm
+qsf demo -o demo
+qsf --help
 """
-"""What a user types in a campaign, and what then stands in the terminal."""
+"""What a user types in a campaign, with every verb, and what then stands in the terminal."""
+EXAMPLES = {
+    "experiment": "examples/m900ib/experiment.yaml",
+    "real": "examples/r2000ic/experiment.yaml",
+    "targets": "examples/m900ib/targets.csv",
+    "hidden": "examples/hidden_effect/experiment.yaml",
+    "ur10": "examples/ur10/experiment.yaml",
+    "tracker": "examples/ur10/tracker.csv",
+    "mapping": "examples/ur10/mapping.yaml",
+    "day": "examples/day/experiment.yaml",
+    "day_plan": "examples/day/plan.csv",
+    "exports": "examples/day/exports",
+    "task": "examples/compare/task.yaml",
+    "urdf": "robots/kuka_kr500_r2800_2/kuka_kr500_r2800_2.urdf.xacro",
+}
+
+
+def typed(folder: Path, columns: int) -> dict[str, list[str]]:
+    """The lines of a terminal of so many columns, by the verb, each command after its prompt; run in a folder."""
+    for name in ("examples", "robots"):
+        (folder / name).symlink_to(HERE.parent / name)
+    environment = {**os.environ, "COLUMNS": str(columns)}
+    out: dict[str, list[str]] = {}
+    for command in SESSION.splitlines():
+        words = [str(Path(sys.executable).with_name("qsf")), *command.format(**EXAMPLES).split()[1:]]
+        run = subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True)
+        lines = out.setdefault(words[1].lstrip("-"), [])
+        lines += [f"$ {command.format(**EXAMPLES)}"]
+        lines += [*(run.stdout + run.stderr).splitlines(), ""]
+    return out
 
 
 def terminal(pictures: Path, columns: int) -> None:
-    """The session in a terminal of so many columns, as a picture; a line that is wider runs over the edge, in red."""
-    examples = HERE.parent / "examples"
-    files = {
-        "experiment": EXPERIMENT,
-        "real": examples / "r2000ic" / "experiment.yaml",
-        "targets": examples / "m900ib" / "targets.csv",
-        "hidden": examples / "hidden_effect" / "experiment.yaml",
-    }
-    lines: list[str] = []
+    """Each verb in a terminal of so many columns, as a picture; a line that is wider runs over the edge, in red."""
+    style = f"pre {{ font: 14px/18px monospace; width: {columns}ch; background: #fafafa; }} b {{ color: #b00; }}"
     with tempfile.TemporaryDirectory() as name:
-        for command in SESSION.splitlines():
-            words = [str(Path(sys.executable).with_name("qsf")), *command.format(**files).split()[1:]]
-            environment = {**os.environ, "COLUMNS": str(columns)}
-            run = subprocess.run(words, cwd=name, env=environment, capture_output=True, text=True)
-            lines += [f"$ {command.format(**{k: path.name for k, path in files.items()})}"]
-            lines += [*(run.stdout + run.stderr).splitlines(), ""]
-        shown = "\n".join(
-            f"<b>{html.escape(line)}</b>" if len(line) > columns and not line.startswith("$") else html.escape(line)
-            for line in lines
-        )
-        page = Path(name) / "terminal.html"
-        style = f"pre {{ font: 14px/18px monospace; width: {columns}ch; background: #fafafa; }} b {{ color: #b00; }}"
-        page.write_text(f'<!DOCTYPE html><meta charset="utf-8"><style>{style}</style><pre>{shown}</pre>')
-        screenshot(page, pictures / f"terminal_{columns}.png", f"{9 * columns + 40},{18 * len(lines) + 60}")
+        for verb, lines in typed(Path(name), columns).items():
+            shown = "\n".join(
+                f"<b>{html.escape(line)}</b>" if len(line) > columns and line[:1] != "$" else html.escape(line)
+                for line in lines
+            )
+            page = Path(name) / "terminal.html"
+            page.write_text(f'<!DOCTYPE html><meta charset="utf-8"><style>{style}</style><pre>{shown}</pre>')
+            picture = pictures / f"terminal_{columns}_{verb}.png"
+            screenshot(page, picture, f"{9 * columns + 40},{18 * len(lines) + 60}")
 
 
 PANEL = """<div><h2>{title}</h2><svg viewBox="-60 -20 460 400" width="460" height="400">{drawn}

@@ -5,6 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import make_command_line
+import make_pictures
+import typer.main
+
+from qsframework.cli.main import app
 
 
 def test_the_page_is_current(root: Path) -> None:
@@ -13,10 +17,6 @@ def test_the_page_is_current(root: Path) -> None:
 
 
 def test_it_names_every_command_and_option(root: Path) -> None:
-    import typer.main
-
-    from qsframework.cli.main import app
-
     page = (root / "docs" / "command-line.md").read_text()
     commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
     assert len(commands) > 10
@@ -26,3 +26,11 @@ def test_it_names_every_command_and_option(root: Path) -> None:
             if parameter.param_type_name == "option" and parameter.name != "help":
                 told = not parameter.hidden  # old spellings are read with a note, and stand on no page
                 assert all((f"`{o}`" in section) == told for o in parameter.opts)
+
+
+def test_the_pictures_of_a_terminal_show_every_command() -> None:
+    """docs/make_pictures.py runs them at 80 and 100 columns, with files that are there."""
+    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    assert set(commands) == {line.split()[1] for line in make_pictures.SESSION.splitlines()} - {"--help"}
+    for path in make_pictures.EXAMPLES.values():
+        assert (make_pictures.HERE.parent / path).exists(), path
