@@ -7,7 +7,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from qsframework.cli.commands import distinct_outputs, readings_files
-from qsframework.cli.printing import print_folded
+from qsframework.cli.printing import print_folded, print_notes
 from qsframework.cli.progress import progress
 from qsframework.experiment import load_experiment, read_readings
 
@@ -33,17 +33,15 @@ def run_certificate(
     stored = read_fit(fit)
     sources = readings_files(experiment, data)
     distinct_outputs([output], [experiment_file, fit, *sources, *([meta] if meta else [])])
-    told = read_meta(meta)
+    stated = read_meta(meta)
     with progress() as tell:
         tell("certificate", 0, 1)
         readings = read_readings(sources, experiment)
-        found = certify(experiment, stored, readings, told, halves=halves, seed=seed, anyway=anyway)
+        found = certify(experiment, stored, readings, stated, halves=halves, seed=seed, anyway=anyway)
     print_folded(conformity_words(found.conformity))
     print_folded(validation_words(found.validation))
-    for said in stored.account.scope():
-        print_folded(said)
-    for note in found.notes:
-        print_folded(f"note: {note}")
+    print_folded(*stored.account.scope())
+    print_notes(found.notes)
     left = [f"{title.lower()}: {name}" for title, part in heads(found) for name, value in part if not value]
     if left:
         print_folded(

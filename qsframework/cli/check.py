@@ -35,7 +35,7 @@ class Checked:
     lines: tuple[Line, ...] = ()
 
     def said(self) -> str:
-        """What the terminal is told."""
+        """What the terminal shows."""
         if not self.lines:
             return f"{self.words}, ok"
         if all(good is False for good, _, _ in self.lines):

@@ -99,5 +99,5 @@ def _unwritable(path: Path) -> list[Problem]:
 
 def write_json(path: Path, content: Mapping[str, Any], names: bool = False) -> None:
     """Write JSON with its format, all or nothing; names: the keys are names of robots or files, and nothing else."""
-    told = dict(content) if names else {"format": FORMAT, **content}
-    write_text(path, jsonlib.dumps(told, indent=2, sort_keys=True, allow_nan=False) + "\n")
+    whole = dict(content) if names else {"format": FORMAT, **content}
+    write_text(path, jsonlib.dumps(whole, indent=2, sort_keys=True, allow_nan=False) + "\n")

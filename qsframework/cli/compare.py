@@ -45,8 +45,7 @@ def run_compare(
     print_table(table.header, table.rows, task.title, table.caption)
     for r in result.robots:
         print_folded(f"{r.robot.name}: {r.campaign}")
-        for note in r.notes:
-            print_folded(f"  note: {note}")
+        print_folded(*(f"  note: {note}" for note in r.notes))
     if json is not None:
         write_json(json, result.as_json())
     if report is not None:

@@ -21,7 +21,7 @@ from qsframework.applications.targets import flange_pose, read_targets
 from qsframework.cli.commands import certificate_of_positions, distinct_outputs, write_json
 from qsframework.cli.declared import Values
 from qsframework.cli.files import CORRECTED, CompensateFiles
-from qsframework.cli.printing import print_folded, print_table, print_verdict
+from qsframework.cli.printing import print_folded, print_notes, print_table, print_verdict
 from qsframework.cli.progress import progress
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment, load_experiment
@@ -85,8 +85,7 @@ def _print(result: Compensation, output: Path) -> None:
     if len(table.rows) > _SHOWN:
         print(f"... and {len(table.rows) - _SHOWN} more targets, in {output}")
     print_folded(words(result))
-    for note in result.notes:
-        print_folded(f"note: {note}")
+    print_notes(result.notes)
 
 
 def _more(
@@ -147,8 +146,8 @@ def _programme(made: ProgrammeTargets, texts: dict[Path, str], outputs: list[Pat
             f"note: the joint angles of {len(searched)} poses, from {searched[0].name} in line {searched[0].line} on, "
             "were searched from the point before; the configuration that the programme states was not read"
         )
-    said = ", ".join(f"{count} {what}" for what, count in made.counts.items())
-    print(f"{len(made.source.motions)} motions: {said}")
+    counts = ", ".join(f"{count} {what}" for what, count in made.counts.items())
+    print(f"{len(made.source.motions)} motions: {counts}")
     for (path, text), output in zip(texts.items(), outputs, strict=True):
         old, new = (t.replace("\r\n", "\n").split("\n") for t in (made.source.texts[path], text))
         diff = list(difflib.unified_diff(old, new, path.name, output.name, lineterm="", n=0))
@@ -171,7 +170,7 @@ def words(result: Compensation) -> str:
 
 
 def write_corrected(path: Path, result: Compensation, experiment: Experiment) -> None:
-    """Corrected joint angles, and the pose that a controller with Cartesian targets is told instead."""
+    """Corrected joint angles, and the pose that a controller with Cartesian targets is given instead."""
     place, turn = flange_pose(result.command)
     joints = experiment.robot.controller.units
     header = ["target", *joints.names(), "x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg"]

@@ -116,8 +116,7 @@ def _watch(day: Day, files: DayFiles, folder: Path, once: bool) -> None:
                 print_folded(f"{path.name}: not taken: its last line has no end, so it may still be written")
             return
     print("every state of every pose was read" if day.next is None else "the day is ended")
-    for line in finish(day, files):
-        print_folded(line)
+    print_folded(*finish(day, files))
 
 
 def _take(day: Day, path: Path, slot: Slot | None, plain: list[Path]) -> Day:

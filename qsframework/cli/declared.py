@@ -64,12 +64,12 @@ def _parameter(name: str, hint: Any, default: Any) -> inspect.Parameter:
         kind, default = (kind, default) if default is _EMPTY else (kind | None, None)
     elif option is not None and option.unit and default:
         default = default / option.scale
-    told = (
+    info = (
         marks[0]
         if option is None
         else _typed(name, option, kind is bool and bool(default), _several(get_args(hint)[0]))
     )
-    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, told])
+    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, info])
 
 
 def _several(kind: Any) -> Any:

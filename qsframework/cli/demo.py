@@ -146,12 +146,12 @@ def _compare_models(fits: dict[str, Fit]) -> Section:
         "A wrong convention shows itself: a larger error and a compliance below zero. One off-axis spring removes a "
         "fifth of the held-out error.",
     )
-    said = Text(
+    text = Text(
         "FANUC R-2000iC with a drilling spindle, 43 cable pulls of 115 to 1166 N (Liu, Feng, Jin, Shanghai Jiao Tong "
         "University, MIT licence; see examples/r2000ic/README.md). The source states no noise and has no repeats, so "
         "the noise is estimated from the residuals."
     )
-    return Section("R-2000iC: which model explains the readings", (said, table))
+    return Section("R-2000iC: which model explains the readings", (text, table))
 
 
 def designed_plan(output: Path, seed: int, tell: Tell) -> tuple[list[Section], dict[str, Any]]:

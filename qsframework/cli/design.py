@@ -83,16 +83,14 @@ def run_design(
     table = _sd_table(experiment, plan, sds)
     verdict = plan_verdict(experiment, plan, sds["this plan"], needed is None or needed.enough)
     print_verdict(verdict)
-    for line in [] if needed is None else need_words(needed):
-        print_folded(line)
+    print_folded(*([] if needed is None else need_words(needed)))
     print_table(table.header, table.rows)
     print_folded(f"{found.words() if files.verbose else found.summary}.")
     if not files.verbose and any(found.alone.values()):
         print("`--verbose` says which constraint excludes how many.")
     beyond = [f"Note: {n}." for n in range_notes(experiment.model(), plan.poses, plan.pose)]
     margin = margin_words(experiment)
-    for line in (certificate_text(plan), margin, *twin_words(experiment, plan), *beyond):
-        print_folded(line)
+    print_folded(certificate_text(plan), margin, *twin_words(experiment, plan), *beyond)
     print(f"plan: {files.output}")
     simulated = f"try it: qsf simulate {files.experiment} {files.output}"
     if plan.of_positions.any():
@@ -101,8 +99,8 @@ def run_design(
         print(f"next: measure each pose unloaded, then loaded, or {simulated}")
     if files.json is not None:
         certificate = plan.certificate.as_json() if plan.certificate else None
-        told = {"plan": str(files.output), "certificate": certificate, "candidates": found.words()}
-        write_json(files.json, told | ({} if needed is None else {"needed": needed.as_json()}))
+        content = {"plan": str(files.output), "certificate": certificate, "candidates": found.words()}
+        write_json(files.json, content | ({} if needed is None else {"needed": needed.as_json()}))
     if files.report is not None:
         notes = (found.words(), margin, *tip_words(plan), *twin_words(experiment, plan), *beyond)
         sections = (
@@ -143,9 +141,9 @@ def _needed(
 
 
 def _sd_table(experiment: Experiment, plan: Plan, sds: Mapping[str, Array]) -> ReportTable:
-    """The predicted sds, of positions without the parameters that no plan tells."""
-    parameters, told = experiment.fit_parameters(), plan.certificate.parameters if plan.certificate else ()
-    kept = [i for i, p in enumerate(parameters) if p.name in told or not plan.of_positions.any()]
+    """The predicted sds, of positions without the parameters that no plan identifies."""
+    parameters, identified = experiment.fit_parameters(), plan.certificate.parameters if plan.certificate else ()
+    kept = [i for i, p in enumerate(parameters) if p.name in identified or not plan.of_positions.any()]
     return sd_table([parameters[i] for i in kept], {name: sd[kept] for name, sd in sds.items()})
 
 

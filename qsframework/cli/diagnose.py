@@ -67,8 +67,7 @@ def _write_day(found: Diagnosis, day: FollowUp, plan: Path) -> None:
     from qsframework.report.words.follow_up import follow_up_words
 
     write_plan(plan, day.plan, found.experiment)
-    for line in follow_up_words(day):
-        print_folded(line)
+    print_folded(*follow_up_words(day))
     print(f"plan: {plan}")
     print(f"next: qsf protocol {found.experiment.path} {plan} -o sheet.html")
 
@@ -108,10 +107,8 @@ def _write(found: Diagnosis, day: FollowUp | None, files: DiagnoseFiles, inputs:
         print(f"extended robot: {files.extend / 'robot'}")
         written = load_experiment(extended)
         print_folded(extended_words(found, added_effects(written.model()), doubtful=files.doubtful))
-        told = bool(written.data)
-        print(
-            f"next: {'' if told else 'correct the readings, then '}qsf identify {extended}{'' if told else ' READINGS'}"
-        )
+        first, more = ("", "") if written.data else ("correct the readings, then ", " READINGS")
+        print(f"next: {first}qsf identify {extended}{more}")
     else:
         again = " ".join(["qsf diagnose", *map(str, (files.experiment, *files.data)), "--extend extended"])
         corrected = f"qsf compensate {files.experiment} fit.json targets.csv, with the fit that identify --json wrote"
@@ -150,16 +147,15 @@ def print_diagnosis(found: Diagnosis, day: FollowUp | None, verbose: bool = Fals
     print_folded(headline(found))
     for title, lines in tables.verdict_groups(found, day):
         print(f"{title}:")
-        for lead, said in lines.rows:
-            print_line(lead, said)
+        for lead, text in lines.rows:
+            print_line(lead, text)
     for title, table in (("Named", tables.cause_table(found)), ("Doubtful", tables.doubtful_table(found))):
         if table.rows:
             print_table(table.header, table.rows, title if found.findings else "")
     errors = tables.error_rows(found)
     print_table(errors.header, errors.rows)
     _print_rest(found, verbose)
-    for said in method_words(found):
-        print_folded(said)
+    print_folded(*method_words(found))
     if len(found.outliers):
         problems = tables.outlier_table(found)
         print_table(problems.header, problems.rows, "Rows not used")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from qsframework.cli.commands import beside, distinct_outputs, write_json
-from qsframework.cli.printing import print_folded, print_table, print_verdict
+from qsframework.cli.printing import print_folded, print_notes, print_table, print_verdict
 from qsframework.cli.progress import progress
 from qsframework.errors import NotIdentifiable
 from qsframework.experiment import load_experiment, read_plan
@@ -32,34 +32,32 @@ def run_foresight(
     campaign = load_experiment(experiment)
     distinct_outputs([json, report], [experiment, plan, beside(plan, ".json")])
     planned = read_plan(plan, campaign)
-    told = predicted_uncertainties(campaign, planned)
-    known = predicted_table(told)
+    predicted = predicted_uncertainties(campaign, planned)
+    uncertainties = predicted_table(predicted)
     with progress() as tell:
         try:
             found = forecast(campaign, planned, seed=seed, progress=tell, work=work)
         except NotIdentifiable:
-            print_table(known.header, known.rows)  # it shows what the plan does tell
+            print_table(uncertainties.header, uncertainties.rows)  # it shows what the plan does tell
             raise
     verdict = foresight_verdict(found)
     print_verdict(verdict)
-    print_table(known.header, known.rows)
+    print_table(uncertainties.header, uncertainties.rows)
     for table in (size_table(found), pair_table(found)):
         if table.rows:
             print_table(table.header, table.rows)
-    for line in foresight_words(found):
-        print_folded(line)
-    for note in range_notes(campaign.model(), planned.poses, planned.pose):
-        print_folded(f"note: {note}")
+    print_folded(*foresight_words(found))
+    print_notes(range_notes(campaign.model(), planned.poses, planned.pose))
     print(f"next: measure the plan, then qsf diagnose {experiment} readings.csv")
     if json is not None:
-        write_json(json, {"fitted": [p.as_json() for p in told], **foresight_json(found)})
+        write_json(json, {"fitted": [p.as_json() for p in predicted], **foresight_json(found)})
     if report is not None:
         from qsframework.report import Section, write_report
         from qsframework.report.plan_section import plan_view
         from qsframework.report.provenance import EQUILIBRIUM, INFORMATION, LINEAR, computed
 
         sections = (
-            Section("Predicted uncertainty of the fitted parameters", (known,)),
+            Section("Predicted uncertainty of the fitted parameters", (uncertainties,)),
             power_section(found),
             Section("The plan", (plan_view(campaign, planned),)),
             computed(campaign, [experiment, plan], seed, (EQUILIBRIUM, INFORMATION, LINEAR)),

@@ -13,7 +13,7 @@ from qsframework.applications.options import ExportOptions
 from qsframework.applications.ordering import with_repeats
 from qsframework.applications.programme import Programme, draft, make_programme
 from qsframework.cli.commands import beside, distinct_outputs, write_json
-from qsframework.cli.printing import print_folded
+from qsframework.cli.printing import print_folded, print_notes
 from qsframework.cli.progress import progress
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment, Plan, load_experiment, read_plan
@@ -40,8 +40,7 @@ def run_export(plan_file: Path, file: Path, output: Path, options: ExportOptions
         )
     files = export(replace(programme, **named), options.to, output)
     print_folded(words(programme))
-    for note in programme.notes:
-        print_folded(f"note: {note}")
+    print_notes(programme.notes)
     print("written: " + ", ".join(map(str, files)))
     days = " or ".join(f"qsf {day} {file} {plan_file}" for day in ("protocol", "day"))
     print(f"next: the measuring day, on paper or on a screen: {days}")

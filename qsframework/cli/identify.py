@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from qsframework.cli.commands import distinct_outputs, readings_files, write_json
 from qsframework.cli.files import FitFiles
-from qsframework.cli.printing import print_folded, print_table, print_verdict
+from qsframework.cli.printing import print_folded, print_notes, print_table, print_verdict
 from qsframework.cli.progress import steps
 from qsframework.experiment import Experiment, Readings, load_experiment, read_readings
 
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from qsframework.report.blocks import Verdict
 
 
-_ROWS, _ASIDE = 11, 4
+_ROWS, _NOT_ESTIMATED = 11, 4
 """Rows of the parameters and of those that were not estimated, unless all are wanted."""
 
 
 def cleaned(experiment: Experiment, readings: Readings, fit: list[str] | None) -> tuple[Readings, tuple[Masked, ...]]:
-    """The readings without the rows that should not be used as they stand; all that is wrong is told, a line each."""
+    """The readings without the rows that should not be used as they stand; what is wrong is printed, a line each."""
     from qsframework.identify import masked_words
     from qsframework.screening import find_mistakes, masked
 
@@ -61,8 +61,7 @@ def run_identify(files: FitFiles, fit: list[str] | None, options: FitOptions, cl
     if files.json is not None:
         write_json(files.json, result.as_json())
     _tell(result, verdict, other, files.verbose)
-    for said in result_files(result, experiment.robot, files.nominal, files.urdf, files.anyway):
-        print_folded(said)
+    print_folded(*result_files(result, experiment.robot, files.nominal, files.urdf, files.anyway))
     if files.json is not None:
         print(f"fit: {files.json}")
     if files.report is not None:
@@ -98,19 +97,18 @@ def _tell(result: Fit, verdict: Verdict, other: FitRecord | None, verbose: bool)
 
     print_verdict(verdict)
     pair = () if other is None else (moved_words(result, other),)
-    told = (*first_words(result), *pair, verdict_words(result), *result.account.extension)
-    for said in (*told, *alignment_words(result.alignments), *result.notes):
-        print_folded(said)
+    sentences = (*first_words(result), *pair, verdict_words(result), *result.account.extension)
+    print_folded(*sentences, *alignment_words(result.alignments), *result.notes)
     for one in result.gross:
         print_folded(f"{'masked by the fit, outlier' if one.kind == 'gross' else one.kind}: {one.words}")
     if any(one.kind == "block" for one in result.gross):
         print("nothing was masked; --clean masks them, --keep-all says that they are right")
     print()
     moved = () if other is None else (moved_table(result, other),)
-    aside = (not_estimated_table(result),) if result.not_estimated else ()
+    unestimated = (not_estimated_table(result),) if result.not_estimated else ()
     whole = (*moved, *interval_tables(result), *error_tables(result))
-    for table in (fit_table(result, brief=not verbose), *whole, *aside):
-        most = None if verbose or table in whole else _ASIDE if table in aside else _ROWS
+    for table in (fit_table(result, brief=not verbose), *whole, *unestimated):
+        most = None if verbose or table in whole else _NOT_ESTIMATED if table in unestimated else _ROWS
         print_table(table.header, table.rows, caption=table.caption, most=most)
 
 
@@ -133,8 +131,8 @@ def run_validate(files: FitFiles, fit: Path, halves: int, seed: int) -> None:
             found = validate(experiment, readings, stored)
     verdict = validation_verdict(found)
     print_verdict(verdict)
-    for said in (*found.account.extension, *(f"note: {note}" for note in found.notes)):
-        print_folded(said)
+    print_folded(*found.account.extension)
+    print_notes(found.notes)
     for table in validation_tables(found):
         print_table(table.header, table.rows, caption=table.caption)
     if files.json is not None:

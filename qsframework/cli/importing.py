@@ -46,14 +46,12 @@ def run_import(files: ImportFiles, options: ImportOptions) -> None:
     for table in (taken_table(found), point_table(found)):
         if table.rows:
             print_table(table.header, table.rows)
-    for said in import_words(found):
-        print_folded(f"- {said}")
+    print_folded(*(f"- {sentence}" for sentence in import_words(found)))
     for aligned in found.aligned:
         if aligned.kind != UNLOADED:
             missed = missed_table(aligned)
             print_table(missed.header, missed.rows)
-        for said in aligned_words(aligned):
-            print_folded(f"- {said}")
+        print_folded(*(f"- {sentence}" for sentence in aligned_words(aligned)))
         print("to state it in the experiment, where the series of the readings (--series) has that name:")
         print(f"frames:\n  {frame_yaml(aligned)}")
     for wrong in find_mistakes(experiment, found.readings):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from qsframework.applications.kinematics import WRITERS, Fitted, Written, fitted, offset_rows, write_offsets
 from qsframework.cli.commands import certificate_of_positions, distinct_outputs, write_json
-from qsframework.cli.printing import print_folded, print_table
+from qsframework.cli.printing import print_folded, print_notes, print_table
 from qsframework.experiment import load_experiment
 from qsframework.files import as_file
 from qsframework.identify import read_fit
@@ -31,10 +31,8 @@ def run_kinematics(
     rows = offset_rows(one)
     print_table(tuple(rows[0]), tuple(tuple(row.values()) for row in rows))
     print_folded(_held(one))
-    for said in one.account.scope():
-        print_folded(said)
-    for note in one.notes:
-        print_folded(f"note: {note}")
+    print_folded(*one.account.scope())
+    print_notes(one.notes)
     files = {kind: WRITERS[kind](one, path) for kind, path in outputs.items()}
     for kind, written in files.items():
         print_folded(_said(_NAMES[kind], written))

@@ -54,7 +54,7 @@ def _version(asked: bool) -> None:
 
 @app.callback()
 def whole(
-    told: Annotated[
+    shown: Annotated[
         bool, typer.Option("--version", help="Print the version.", callback=_version, is_eager=True)
     ] = False,
     trust: Trust = False,
@@ -343,10 +343,10 @@ def _told(error: QsfError) -> list[str]:
     """The lines of an error, with the options that would mend its problems."""
     if not isinstance(error, InputError):
         return str(error).splitlines()
-    said = (
+    mended = (
         (str(p), "" if p.argument is None else f" (--{' '.join(p.argument)}".rstrip() + ")") for p in error.problems
     )
-    return [line for text, option in said for line in f"{text}{option}".splitlines()]
+    return [line for text, option in mended for line in f"{text}{option}".splitlines()]
 
 
 _MOST, _LONGEST = 20, 200

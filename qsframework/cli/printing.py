@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterable, Sequence
 from contextlib import contextmanager
 from io import BufferedWriter, FileIO, TextIOWrapper
 from typing import TYPE_CHECKING
@@ -23,9 +23,15 @@ def _print(paragraphs: Sequence[str]) -> None:
     print("\n".join(printable(line) for lines in paragraphs for line in lines.split("\n")))
 
 
-def print_folded(said: str) -> None:
+def print_folded(*texts: str) -> None:
     """Paragraphs, one a line, each folded; the lines of an item, or of one that is set in, keep its edge."""
-    _print(paragraphs(said, width()))
+    for text in texts:
+        _print(paragraphs(text, width()))
+
+
+def print_notes(notes: Iterable[str]) -> None:
+    """What to know of a result, a paragraph each."""
+    print_folded(*(f"note: {note}" for note in notes))
 
 
 def print_verdict(verdict: Verdict) -> None:
@@ -34,9 +40,9 @@ def print_verdict(verdict: Verdict) -> None:
     print()
 
 
-def print_line(lead: str, said: str) -> None:
+def print_line(lead: str, text: str) -> None:
     """A statement as an item of a list, with what it is about in front."""
-    text = f"{lead}: {said}" if lead else said
+    text = f"{lead}: {text}" if lead else text
     _print([folded(f"  - {text}", width(), "    ")])
 
 

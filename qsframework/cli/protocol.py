@@ -16,7 +16,7 @@ from qsframework.applications.protocol import (
 )
 from qsframework.cli.commands import beside, distinct_outputs
 from qsframework.cli.export import plan_of
-from qsframework.cli.printing import print_folded
+from qsframework.cli.printing import print_folded, print_notes
 from qsframework.experiment import load_experiment
 from qsframework.experiment.measured import keep_measured
 
@@ -51,8 +51,7 @@ def run_protocol(file: Path, plan_file: Path, sheet: Path, readings: Path, optio
     write_reading_file(readings, protocol)
     print(f"{len(protocol.visits)} visits, {protocol.readings} readings, about {protocol.hours:.1f} hours: {sheet}")
     print_folded(turning_words(protocol))
-    for note in protocol.notes:
-        print_folded(f"note: {note}")
+    print_notes(protocol.notes)
     print(f"to fill in: {readings}")
     if options.reflectors:
         write_floor_file(floor, protocol)

@@ -73,7 +73,7 @@ def run_show(shown: Shown, html: Path | None, port: int) -> None:
 
 
 def make_scene(shown: Shown, say: Callable[[str], object] = lambda note: None) -> Scene:
-    """Read everything and draw it; `say` is told what could not be drawn."""
+    """Read everything and draw it; `say` is called with what could not be drawn."""
     if not 0.0 < shown.scale <= _LARGEST_SCALE:
         allowed = f"a number above 0, up to {_LARGEST_SCALE:g}; 1 shows deflections as they are"
         raise InputError(f"--scale {shown.scale:g}: allowed: {allowed}")

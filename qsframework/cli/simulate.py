@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from qsframework.cli.commands import beside, distinct_outputs, write_json
-from qsframework.cli.printing import print_folded
+from qsframework.cli.printing import print_folded, print_notes
 from qsframework.experiment import Experiment, load_experiment, read_plan
 from qsframework.experiment.readings_table import holds_readings
 
@@ -42,13 +42,12 @@ def run_simulate(
         print_folded(f"note: {', '.join(poses)} break the constraint {constraint!r}{f' ({pairs})' if pairs else ''}")
     result = simulate(experiment, plan, truth=truth, seed=seed, linear=linear)
     notes = range_notes(result.model, plan.poses, plan.pose, result.x)
-    for note in notes:
-        print_folded(f"note: {note}")
+    print_notes(notes)
     made = write_simulated(output, result.readings, experiment)
     if json is not None:
-        told = {"readings": str(output), "seed": seed, "truth": result.truth_by_name()}
-        told |= {"notes": list(notes)} if notes else {}
-        write_json(json, {**(made if json == sidecar else {}), **told})
+        written = {"readings": str(output), "seed": seed, "truth": result.truth_by_name()}
+        written |= {"notes": list(notes)} if notes else {}
+        write_json(json, {**(made if json == sidecar else {}), **written})
     if report is not None:
         from qsframework.report import write_report
         from qsframework.report.provenance import EQUILIBRIUM, LINEAR, computed

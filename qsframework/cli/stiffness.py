@@ -7,7 +7,7 @@ from pathlib import Path
 from qsframework.applications import stiffness_at
 from qsframework.cli.commands import distinct_outputs, write_json
 from qsframework.cli.numbers import numbers, point_of, wrench_of
-from qsframework.cli.printing import print_folded, print_table
+from qsframework.cli.printing import print_folded, print_notes, print_table
 from qsframework.report.blocks import ReportTable, SceneView, Section, Text
 from qsframework.report.stiffness_section import deflection_words, stiffness_tables
 from qsframework.robot import load_robot
@@ -31,8 +31,7 @@ def run_stiffness(robot: str, pose: str, load: str, point: str, json: Path | Non
     if json is not None:
         write_json(json, result.as_json())
     print_folded(deflection_words(result))
-    for note in result.notes:
-        print_folded(f"note: {note}")
+    print_notes(result.notes)
     for block in section.blocks:
         if isinstance(block, ReportTable):
             print_table(block.header, block.rows)

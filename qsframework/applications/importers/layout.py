@@ -44,7 +44,7 @@ class SheetRow:
 class Layout:
     """A plain table. header: its names, () where there is none, in `line`; above: lines of text over it.
 
-    blocks: labels of the blocks of columns that became rows; left: columns that were to be left aside; below: lines of
+    blocks: labels of the blocks of columns that became rows; left: columns that were to be ignored; below: lines of
     text under the table; width: cells of a row of the file; wrong: rows that have others
     """
 
@@ -73,7 +73,7 @@ def is_axis_line(cells: Sequence[str]) -> bool:
 
 
 def lay_out(rows: Sequence[SheetRow], ignore: Sequence[str] = ()) -> Layout:
-    """The plain table that rows hold; ignore: names of columns to leave aside."""
+    """The plain table that rows hold; ignore: names of columns to leave out."""
     folded = _one_point_a_row(rows)
     if folded is not None:
         return folded
@@ -218,7 +218,7 @@ def _columns(rows: Sequence[Sequence[str]], units: Sequence[str]) -> list[_Colum
 
 @dataclass(frozen=True)
 class _Blocks:
-    """Places of columns: of x, y and z in each block whose points become rows, with its label; left: left aside."""
+    """Places of columns: of x, y and z in each block whose points become rows, with its label; left: ignored ones."""
 
     labels: list[str]
     places: list[dict[str, int]]

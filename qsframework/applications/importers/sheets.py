@@ -86,7 +86,7 @@ def read_sheet(
     path: Path, sheet: str = "", separator: str = "", decimal: str = "", ignore: Sequence[str] = ()
 ) -> Sheet:
     """Read the table of a file; sheet: which one of a workbook; separator, decimal: stated, else told from the text;
-    ignore: names of columns to leave aside.
+    ignore: names of columns to leave out.
 
     InputError where it is no table, or where more than one reading of it is possible.
     """
@@ -102,9 +102,9 @@ def read_sheet(
         hint = "Leave the sheet out."
         raise InputError(Problem("is a text, which has no sheets", str(path), found=repr(sheet), hint=hint))
     text, encoding = _decoded(path, content)
-    taught = joint_log(path, text)
-    if taught is not None:
-        header, found = taught
+    logged = joint_log(path, text)
+    if logged is not None:
+        header, found = logged
         rows = tuple(SheetRow(line, cells) for line, cells in found)
         return Sheet(path, "", header, rows, separator="programme", decimal=".", encoding=encoding)
     found_rows = records(path, text)

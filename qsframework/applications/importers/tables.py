@@ -100,7 +100,7 @@ class Listing:
 class Stated:
     """What the user says of the columns: a column's name or number by role; units by what they measure.
 
-    times: whether times are needed, and a column of them without a unit must not be left aside
+    times: whether times are needed, and a column of them without a unit must not be ignored
     """
 
     columns: Mapping[str, str]
