@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin
@@ -116,21 +116,10 @@ def _read(name: str, hint: Any, value: Any) -> Any:
         return option.switch if value else ""
     several = _several(kind)
     if option is not None and get_origin(kind) is Mapping:
-        texts = [part for text in value or () for part in _parts(text)]
-        return {key: several(text) for key, text in pairs(f"--{option.named(name)}", texts, option.form).items()}
+        texts = pairs(f"--{option.named(name)}", value or (), option.form)
+        return {key: several(text) for key, text in texts.items()}
     if several is not None and get_origin(several) is tuple:
         return tuple(tuple(word.strip() for word in text.split(",")) for text in value or ())
     if several is not None:
         return tuple(value or ())
     return value if value is None or option is None or not option.unit else option.scale * value
-
-
-def _parts(text: str) -> Sequence[str]:
-    """The pairs of one option; a comma inside a name or a value stays in it."""
-    out: list[str] = []
-    for part in text.split(","):
-        if "=" in part or not out:
-            out.append(part)
-        else:
-            out[-1] += f",{part}"
-    return out

@@ -12,7 +12,7 @@ from layouts import LAYOUTS
 from samples import FORMATS, Campaign
 
 from qsframework.applications.importers import ImportOptions, import_readings
-from qsframework.cli.importing import columns_of
+from qsframework.cli.pairs import pairs
 from qsframework.errors import InputError
 
 PIECES = (
@@ -72,7 +72,7 @@ def test_mutated_exports(name: str, tmp_path: Path) -> None:
     path = make(c)
     content = path.read_bytes()
     rng = random.Random(name)
-    columns = columns_of(stated[1:2])
+    columns = pairs("--map", stated[1:2], "ROLE=COLUMN")
     options = ImportOptions(columns=columns, names={}, join="time" if name in ("kuka", "ros") else "", align="unloaded")
     taken, nameless = 0, list[object]()
     for _ in range(40):
