@@ -256,10 +256,9 @@ def finish(day: Day, files: DayFiles) -> list[str]:
     from qsframework.cli.commands import write_json
     from qsframework.diagnose import diagnose
     from qsframework.identify import identify
-    from qsframework.report import fit_sections, write_report
-    from qsframework.report.diagnosis_section import diagnosis_sections
-    from qsframework.report.words.fit import fit_verdict, verdict_words
-    from qsframework.report.words.headline import diagnosis_verdict, headline
+    from qsframework.report.results import report
+    from qsframework.report.words.fit import verdict_words
+    from qsframework.report.words.headline import headline
 
     out, folder = list[str](), files.folder
     experiment = day.experiment
@@ -270,8 +269,7 @@ def finish(day: Day, files: DayFiles) -> list[str]:
     try:
         fit = identify(experiment, readings)
         write_json(folder / "fit.json", fit.as_json())
-        title, verdict = f"Identification: {experiment.robot.title}", fit_verdict(fit, readings.poses)
-        write_report(folder / "fit.html", title, fit_sections(fit, experiment, readings), verdict)
+        report(fit, folder / "fit.html", experiment, readings, files=[files.experiment, day.record.table])
         out.append(f"fit.json, fit.html: {verdict_words(fit)}")
     except QsfError as error:
         return [*out, f"no fit, no diagnosis and no certificate: {error}"]
@@ -279,12 +277,7 @@ def finish(day: Day, files: DayFiles) -> list[str]:
     try:
         found = diagnose(experiment, readings)
         after, said = second_day(found, folder)
-        write_report(
-            folder / "diagnosis.html",
-            f"Diagnosis: {experiment.robot.title}",
-            diagnosis_sections(found, [files.experiment, day.record.table], day=after),
-            diagnosis_verdict(found),
-        )
+        report(found, folder / "diagnosis.html", files=[files.experiment, day.record.table], day=after)
         out += [f"diagnosis.html: {headline(found)}", *said]
     except QsfError as error:
         out.append(f"no diagnosis: {error}")

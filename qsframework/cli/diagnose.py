@@ -92,13 +92,9 @@ def _write(found: Diagnosis, day: FollowUp | None, files: DiagnoseFiles, inputs:
         write_json(files.json, diagnosis_json(found, day))
         print(f"diagnosis: {files.json}")
     if files.report is not None:
-        from qsframework.report.diagnosis_section import diagnosis_sections
-        from qsframework.report.page import write_report
-        from qsframework.report.words.headline import diagnosis_verdict
+        from qsframework.report.results import report
 
-        sections = diagnosis_sections(found, inputs, day)
-        title, verdict = f"Diagnosis: {found.experiment.robot.title}", diagnosis_verdict(found)
-        print(f"report: {write_report(files.report, title, sections, verdict)}")
+        print(f"report: {report(found, files.report, files=inputs, day=day)}")
     if files.extend is not None:
         from qsframework.report.extended import extended_words, write_extended
 

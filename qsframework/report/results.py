@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from qsframework.diagnose import Diagnosis
+from qsframework.discriminate import FollowUp
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment, Plan, Readings
 from qsframework.identify import Fit, FitRecord
@@ -36,6 +37,7 @@ def report(
     *,
     files: Sequence[Path] = (),
     before: FitRecord | None = None,
+    day: FollowUp | None = None,
 ) -> Path:
     """Write the report of a fit, a plan, a diagnosis or a validation, all or nothing.
 
@@ -46,6 +48,7 @@ def report(
         readings: of a fit.
         files: what it was made of, for their hashes.
         before: a fit of another campaign of this arm.
+        day: of a diagnosis: the visits that decide what is open.
 
     Returns:
         The path.
@@ -55,7 +58,7 @@ def report(
     """
     if isinstance(result, Diagnosis):
         title, verdict = f"Diagnosis: {result.experiment.robot.title}", diagnosis_verdict(result)
-        return write_report(path, title, diagnosis_sections(result, list(files)), verdict)
+        return write_report(path, title, diagnosis_sections(result, list(files), day), verdict)
     given = _given(experiment, "the experiment")
     if isinstance(result, Plan):
         title = "Measurement plan"
