@@ -183,14 +183,14 @@ def arrivals(found: Certificate) -> list[tuple[str, str]]:
         return []
     counts = [a.count for a in every]
 
-    def told(values: Sequence[float]) -> str:
+    def summary(values: Sequence[float]) -> str:
         return f"{1e3 * float(np.mean(values)):.3f} mm mean, {1e3 * max(values):.3f} mm maximum"
 
     return [
         ("poses and markers that were reached again", f"{len(every)}, {min(counts)} to {max(counts)} times each"),
-        ("AP, pose accuracy, before", told([a.before for a in every])),
-        ("AP, pose accuracy, after", told([a.after for a in every])),
-        ("RP, pose repeatability", told([a.repeatability for a in every])),
+        ("AP, pose accuracy, before", summary([a.before for a in every])),
+        ("AP, pose accuracy, after", summary([a.after for a in every])),
+        ("RP, pose repeatability", summary([a.repeatability for a in every])),
     ]
 
 

@@ -70,8 +70,8 @@ def sd_tables(result: Comparison) -> tuple[ReportTable, ...]:
         for p, sd in zip(r.parameters, r.sds, strict=True):
             value, unit = shown(p.nominal, p.unit)
             share = f" ({100 * sd / abs(p.nominal):.1f} %)" if p.nominal and np.isfinite(sd) else ""
-            told = f"{shown(float(sd), p.unit)[0]:.3g}{share}" if np.isfinite(sd) else "not identifiable"
-            rows.append((p.name, f"{value:.4g}", told, unit))
+            cell = f"{shown(float(sd), p.unit)[0]:.3g}{share}" if np.isfinite(sd) else "not identifiable"
+            rows.append((p.name, f"{value:.4g}", cell, unit))
         caption = f"{r.robot.title}: {r.campaign}. Look for parameters whose sd is a large share of their value."
         out.append(ReportTable((r.robot.name, "nominal", "predicted sd", "unit"), tuple(rows), caption))
     return tuple(out)
@@ -97,7 +97,7 @@ def compare_sections(result: Comparison) -> tuple[Section, ...]:
             wide=True,
         ),
     )
-    told = Text(
+    intro = Text(
         "Each robot was given a plan of its own of as many poses under the same loads and noise, best for the tip "
         "along this path. What a fit of it would leave along the path is 'after compensation'."
     )
@@ -105,7 +105,7 @@ def compare_sections(result: Comparison) -> tuple[Section, ...]:
         Section("Along the path", (Figure(path_figure(result), _PATH), path_view(result))),
         Section("Summary", (summary_table(result), *notes)),
         Section("Workspace", maps),
-        Section("Identifiability", (told, *sd_tables(result)), folded=True),
+        Section("Identifiability", (intro, *sd_tables(result)), folded=True),
     )
 
 

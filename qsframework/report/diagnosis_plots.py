@@ -199,8 +199,8 @@ def _marker_table(diagnosis: Diagnosis) -> ReportTable:
     for k, m in enumerate(diagnosis.experiment.markers):
         sizes: list[Array] = [1e3 * np.linalg.norm(r[marker == k], axis=1) for r in diagnosis.residuals()]
         if len(sizes[0]):
-            told = (f"{v:.4f}" for s in sizes for v in (float(np.sqrt(np.mean(s**2))), float(s.max())))
-            rows.append((m.name, str(len(sizes[0])), *told))
+            cells = (f"{v:.4f}" for s in sizes for v in (float(np.sqrt(np.mean(s**2))), float(s.max())))
+            rows.append((m.name, str(len(sizes[0])), *cells))
     header = ("marker", "rows", "before: RMS mm", "largest mm", "after: RMS mm", "largest mm")
     return ReportTable(header, tuple(rows), "Lengths of the residual vectors.")
 

@@ -58,16 +58,16 @@ def extension_of(diagnosis: Diagnosis, day: FollowUp | None = None, *, doubtful:
     if learned is not None and learned.holds:
         settled = learned.fit
     source = diagnosis.readings.source
-    told = f", readings sha256 {sha256(source)[:16]}" if source is not None and source.is_file() else ""
-    evidence = {name: f"identified beside the named causes{told}" for name in settled.names}
+    made_of = f", readings sha256 {sha256(source)[:16]}" if source is not None and source.is_file() else ""
+    evidence = {name: f"identified beside the named causes{made_of}" for name in settled.names}
     for f in (f for f in diagnosis.findings if doubtful or not f.doubtful):
         gain = f", held-out gain {100 * f.heldout_gain:.0f} %" if f.heldout_gain == f.heldout_gain else ""
         alternatives = f"; as likely {', '.join(r.name for r in f.alternatives)}" if f.alternatives else ""
-        said = f"diagnosed: s = {f.s:.1f}, p = {f.p_value:.2g}{gain}{told}{alternatives}"
+        said = f"diagnosed: s = {f.s:.1f}, p = {f.p_value:.2g}{gain}{made_of}{alternatives}"
         evidence.update({v.name: said for v in f.values})
     if learned is not None and learned.holds:
         said = f"learned: s = {learned.s:.1f}, p = {learned.leftover.p_value:.2g}"
-        said += f", held-out gain {100 * learned.gain:.0f} %{told}; no cause of the library"
+        said += f", held-out gain {100 * learned.gain:.0f} %{made_of}; no cause of the library"
         evidence.update(dict.fromkeys(learned.cause.names, said))
     proved = adopted(diagnosis.conventions)
     structure = next((c for c in proved if c.structure), None)

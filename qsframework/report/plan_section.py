@@ -78,8 +78,8 @@ def beyond_table(experiment: Experiment, sds: Mapping[str, float]) -> ReportTabl
         verdict = "not identifiable: no reading depends on it, or only together with others"
         if np.isfinite(sd):
             share = 100 * sd / size
-            told = "" if share < 100 else ", not identifiable in practice"
-            verdict = f"{shown(sd, p.unit)[0]:.3g} {shown(1.0, p.unit)[1]} ({share:.3g} % of its {what} value{told})"
+            caveat = "" if share < 100 else ", not identifiable in practice"
+            verdict = f"{shown(sd, p.unit)[0]:.3g} {shown(1.0, p.unit)[1]} ({share:.3g} % of its {what} value{caveat})"
         rows.append((name, verdict))
     return ReportTable(
         ("parameter", "sd if also estimated"),

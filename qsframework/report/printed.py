@@ -57,6 +57,6 @@ def printed(page: str, path: Path) -> bytes:
         except (OSError, subprocess.TimeoutExpired) as error:
             raise InputError(Problem(f"{browser} did not print: {error}", str(path))) from error
         if not out.is_file() or not out.read_bytes().startswith(b"%PDF"):
-            told = done.stderr.decode(errors="replace").strip().splitlines()
-            raise InputError(Problem(f"{browser} printed nothing{f': {told[-1]}' if told else ''}", str(path)))
+            lines = done.stderr.decode(errors="replace").strip().splitlines()
+            raise InputError(Problem(f"{browser} printed nothing{f': {lines[-1]}' if lines else ''}", str(path)))
         return out.read_bytes()

@@ -118,17 +118,17 @@ def fit_verdict(fit: Fit, poses: Poses | None = None) -> Verdict:
     size = f"{mm(before)} \u2192 {mm(after)} mm (3D RMS at held-out poses{_with_masked(fit)})"
     if not np.isfinite(after):
         size = "no pose can be held out: the held-out error is unknown"
-    told = f"{_all(total)} identified" if not unknown else f"{len(known)} of {total} parameters identified"
+    outcome = f"{_all(total)} identified" if not unknown else f"{len(known)} of {total} parameters identified"
     mark, word = Mark.GOOD, "Identified"
     if unknown:
         mark, word = Mark.LOOK, "Partially identified"
-        told += f". Not identified: {listed_names(unknown)}"
+        outcome += f". Not identified: {listed_names(unknown)}"
         advised = next((n for n in unknown if n in fit.model.names), "")
         if advised and poses is not None and len(unknown) <= _NAMED:
-            told += f". {advised}: {what_would_help(fit.model, advised, poses)}"
+            outcome += f". {advised}: {what_would_help(fit.model, advised, poses)}"
     if far:
         mark = Mark.LOOK
-        told += f"{'' if told.endswith('.') else '.'} Outside its prior: {listed_names(far)}"
+        outcome += f"{'' if outcome.endswith('.') else '.'} Outside its prior: {listed_names(far)}"
     if not np.isfinite(after) or (p is not None and p > 1.0 - SIGNIFICANT):
         mark = Mark.LOOK
     if p is not None and p < SIGNIFICANT:
@@ -142,7 +142,7 @@ def fit_verdict(fit: Fit, poses: Poses | None = None) -> Verdict:
     return Verdict(
         mark,
         word,
-        f"{size}; {told}.",
+        f"{size}; {outcome}.",
         (
             (f"{mm(after)} mm", "held-out error, 3D RMS"),
             (f"{mm(before)} mm", "the same by the nominal model"),

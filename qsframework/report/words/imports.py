@@ -71,12 +71,14 @@ def point_table(found: Imported) -> ReportTable:
 
 def _how(point: TrackerPoint) -> str:
     """How pose, marker and state are known, each way once."""
-    told = dict(point.by)
-    if told.get("pose") == "column" and point.listing.column("pose") is None:
-        told["pose"] = "name" if point.name else "row"
-    parts = [f"{kind if kind != 'loaded' else 'state'} {_SAID_BY[by]}" for kind, by in told.items() if by in _SAID_BY]
-    ways = {by for by in told.values()}
-    return f"all {_SAID_BY[next(iter(ways))]}" if len(ways) == 1 and len(told) == 3 else ", ".join(parts)
+    origins = dict(point.by)
+    if origins.get("pose") == "column" and point.listing.column("pose") is None:
+        origins["pose"] = "name" if point.name else "row"
+    parts = [
+        f"{kind if kind != 'loaded' else 'state'} {_SAID_BY[by]}" for kind, by in origins.items() if by in _SAID_BY
+    ]
+    ways = {by for by in origins.values()}
+    return f"all {_SAID_BY[next(iter(ways))]}" if len(ways) == 1 and len(origins) == 3 else ", ".join(parts)
 
 
 def import_words(found: Imported) -> tuple[str, ...]:

@@ -89,18 +89,18 @@ def plan_verdict(experiment: Experiment, plan: Plan, sds: Array, enough: bool = 
         lost = [name for name in lost if name in c.parameters]
     shares = [sd / abs(p.nominal) for p, sd in zip(parameters, sds, strict=True) if p.nominal and np.isfinite(sd)]
     faint = sum(1 for share in shares if share > 1.0)
-    mark, word, told = Mark.GOOD, "Plan ready", f"identify all {len(sds)} parameters"
+    mark, word, outcome = Mark.GOOD, "Plan ready", f"identify all {len(sds)} parameters"
     if held:
-        told = f"identify {len(sds) - held} parameters, {held} are held at nominal"
+        outcome = f"identify {len(sds) - held} parameters, {held} are held at nominal"
     if lost:
         mark, word = Mark.BAD, "Plan does not identify all parameters"
-        told = f"identify {len(sds) - len(lost)} of {len(sds)} parameters, not {', '.join(lost[:3])}"
+        outcome = f"identify {len(sds) - len(lost)} of {len(sds)} parameters, not {', '.join(lost[:3])}"
     elif faint:
         mark, word = Mark.LOOK, "Plan is weak"
-        told += f", {faint} of them to no better than their own size"
+        outcome += f", {faint} of them to no better than their own size"
     if not enough:
         mark, word = Mark.BAD, "Accuracy not reached"
-    said = [f"{len(plan.pose)} poses {told}"]
+    said = [f"{len(plan.pose)} poses {outcome}"]
     numbers = [(str(len(plan.pose)), "poses")]
     if tip is not None:
         said.append(f"predicted tip uncertainty after calibration: {1e3 * tip:.3f} mm")
