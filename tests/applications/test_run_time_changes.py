@@ -157,6 +157,8 @@ def test_krl_frames_and_corrections_of_routines_that_are_called(tmp_path: Path) 
     for body, motions in (("$BASE=BASE_DATA[4]", [2]), ("RSI_ON(1)", [2]), ("BAS(#BASE,0)", []), ("$VEL.CP=1", [])):
         text = KRL.format("ELSE_WHERE( )", inside.format(body))
         assert list(refused(tmp_path, ".src", text)) == motions
+    early = inside.format("IF $IN[1] THEN\nRETURN\nENDIF\nBAS(#BASE,0)")
+    assert list(refused(tmp_path, ".src", KRL.format("BAS(#BASE,4)\nELSE_WHERE( )", early))) == [2]
     text = KRL.format("RSI_ON(1)\nGO( )\nRSI_OFF( )", "GO( )\nEND\nDEF GO( )\nLIN XP1\n")
     assert list(refused(tmp_path, ".src", text)) == [3]
 

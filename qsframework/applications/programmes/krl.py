@@ -291,6 +291,8 @@ def _follow(line: SourceStatement, track: Track, data: _Data) -> None:
     if first in ("DEF", "DEFFCT"):
         track.reset(words[words.index("(") - 1] if "(" in words else "")
         return
+    if "RETURN" in words:
+        track.returns()
     _shift(line, track)
     if first in _BEGIN:
         track.begin(_BEGIN[first])

@@ -140,6 +140,7 @@ class Track:
         self.enters = dict[str, dict[str, str]]()
         self.leaves = dict[str, dict[str, str]]()
         self._routine = ""
+        self._returns = list[dict[str, str]]()
         self._seen = list[dict[str, str]]()
         self._open = list[tuple[dict[str, str], list[dict[str, str]], int | None, str]]()
 
@@ -159,7 +160,7 @@ class Track:
         if self._open:
             start, ends, first, routine = self._open.pop()
             if routine:
-                self.leaves[routine] = {k: v for k, v in self.now.items() if v != start.get(k)}
+                self._leave(routine, {k: v for k, v in self.now.items() if v != start.get(k)})
                 self.now = start
                 return
             differs = {k for way in (start, *ends) for k in {*way, *self.now} if way.get(k) != self.now.get(k)}
@@ -174,9 +175,19 @@ class Track:
 
     def reset(self, routine: str = "") -> None:
         """Another routine begins, of whose tool and frame nothing is known."""
-        self.leaves[self._routine] = self.now
+        self._leave(self._routine, self.now)
         self._routine, self._open, self._seen = routine, [], []
         self.now = dict(self.enters.get(routine, {}))
+
+    def returns(self) -> None:
+        """The routine may be left here."""
+        self._returns.append(dict(self.now))
+
+    def _leave(self, routine: str, ends: Mapping[str, str]) -> None:
+        """What a routine has set at its end, where it has done so before every return."""
+        own = {k: v if all(way.get(k) == v for way in self._returns) else AMBIGUOUS for k, v in ends.items()}
+        self.leaves[routine] = own
+        self._returns = []
 
     def call(self, routine: str, certain: bool = True) -> None:
         """A routine of the programme is called; not certain: it may be, from here on."""

@@ -122,6 +122,8 @@ def _walk(line: SourceStatement, found: Sequence[int], track: Track, routines: C
                 track.begin(_BLOCKS.get(word, False))
         elif word in ("ELSE", "CASE", "DEFAULT"):
             track.other()
+        elif word == "RETURN":
+            track.returns()
         elif word in ("ENDIF", "ENDFOR", "ENDWHILE", "ENDTEST"):
             track.end()
         elif word in _SHIFTS:

@@ -155,6 +155,8 @@ def _follow(line: SourceStatement, track: Track, tools: dict[str, Array]) -> Non
         track.other()
     elif first == "end":
         track.end()
+    elif first == "return":
+        track.returns()
     elif first == "set_tcp":
         point = literal(split(bracketed(tokens, 1) or ())[0])
         name = f"set_tcp of line {line.line}" if point else AMBIGUOUS
