@@ -6,8 +6,8 @@ import csv
 import io
 import math
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -42,23 +42,32 @@ _OURS = re.compile(r"pose|target|marker|state|reflector|load|(?:d?[xyz]|q\d+|f[x
 """Columns of which every table of ours has some."""
 
 
+_NOTHING = ("nan", "na", "n/a", "-", "none", "null", "#n/a")
+"""What other programs write where nothing was measured."""
 Check = Callable[[Any, str], Problem | None]
 """What is wrong with a value, a text or a number in SI, of a column that the file calls so; None where nothing is."""
+
+
+WholeCheck = Callable[[Mapping[str, Array], str], tuple[int, Problem] | None]
+"""What is wrong with a column that the file calls so, of all numbers by their stems: the row and the problem."""
 
 
 @dataclass(frozen=True)
 class Column:
     """A column: kind "text", "number" (with its SI unit), "count" (1, 2, ...), "flag", or "side" (-1, +1).
 
-    `blank`: a cell may be empty and is then NaN; check: of every cell that is not, of what is measured in use alone
+    `blank`: a cell may be empty and is then NaN; check: of every cell that is not, of what is measured in use alone;
+    whole: of all its cells
     """
 
     stem: str
     kind: str
     unit: str = ""
+    _: KW_ONLY
     required: bool = False
     blank: bool = False
     check: Check | None = None
+    whole: WholeCheck | None = None
 
     def spelling(self) -> str:
         return units.allowed_names(self.stem, self.unit) if self.unit else self.stem
@@ -132,11 +141,7 @@ def make_table(
     chosen = _read_header(path, parsed[0][0], header, columns)
     if len(parsed) == 1:
         raise InputError(Problem("holds a header and no rows", file=str(path), line=parsed[0][0]))
-    problems += [
-        Problem("wrong number of columns", str(path), line, found=str(len(cells)), allowed=str(len(header)))
-        for line, cells in parsed[1:]
-        if len(cells) != len(header)
-    ][:MOST_PROBLEMS]
+    problems += _odd_rows(path, parsed)
     good = [(line, cells) for line, cells in parsed[1:] if len(cells) == len(header)]
     if not good:
         raise InputError(problems)
@@ -151,11 +156,30 @@ def make_table(
         cells = [row[i].strip() for _, row in good]
         if column.required or any(cells):  # an optional column that nobody filled in is as good as not there
             _read_column(table, column, unit, cells, masked)
+    for column, _ in chosen.values():
+        if column.whole is not None and column.stem in table.numbers:
+            name = table.names[column.stem]
+            if (wrong := column.whole(table.numbers, name)) is not None:
+                problems.append(replace(wrong[1], file=str(path), line=table.rows[wrong[0]], column=name))
     maskable = any(c.stem == "use" for c in columns)
     problems += _unfilled(table, [(i, c) for i, (c, _) in chosen.items()], good, masked, maskable)
     if len(problems) > MOST_PROBLEMS:
         raise InputError(problems)
     return table
+
+
+def _odd_rows(path: Path, parsed: Sequence[tuple[int, Sequence[str]]]) -> list[Problem]:
+    """One problem for all rows whose number of cells is not the header's."""
+    width = len(parsed[0][1])
+    odd = [(line, cells) for line, cells in parsed[1:] if len(cells) != width]
+    if not odd:
+        return []
+    long = all(len(cells) > width for _, cells in odd) and not any("." in c for _, cells in odd for c in cells)
+    hint = "Do the numbers have decimal commas? Write them with a point." if long else None
+    many = f" in {len(odd)} of {len(parsed) - 1} rows, of which this is the first" if len(odd) > 1 else ""
+    line, cells = odd[0]
+    message = f"wrong number of columns{many}"
+    return [Problem(message, str(path), line, found=str(len(cells)), allowed=str(width), hint=hint)]
 
 
 def _unfilled(
@@ -352,6 +376,8 @@ def _value(column: Column, cell: str) -> tuple[float | None, str]:
 def _wrong(table: Table, i: int, column: Column, message: str, found: str, allowed: str) -> None:
     if len(table.problems) > MOST_PROBLEMS:
         return
+    nothing = column.stem in _MEASURED and found.lower() in _NOTHING
+    hint = "Leave the cell empty, or put 0 in the column use of a row that was not measured." if nothing else None
     table.problems.append(
         Problem(
             message,
@@ -360,6 +386,7 @@ def _wrong(table: Table, i: int, column: Column, message: str, found: str, allow
             table.names[column.stem],
             found=repr(found if len(found) <= _LONGEST else f"{found[:_SHOWN]}..."),
             allowed=allowed,
+            hint=hint,
         )
     )
 

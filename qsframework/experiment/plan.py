@@ -16,7 +16,6 @@ import pydantic
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.experiment.columns import (
     MOST_PROBLEMS,
-    Check,
     Column,
     Table,
     joint_cells,
@@ -25,6 +24,7 @@ from qsframework.experiment.columns import (
     strength_problems,
     write_table,
 )
+from qsframework.experiment.limits import within_limits
 from qsframework.experiment.setup import Experiment
 from qsframework.files import FileModel, read_yaml, sha256, validate, write_text
 from qsframework.files.formats import FORMAT, check_format
@@ -164,27 +164,9 @@ def joint_columns(experiment: Experiment, required: bool = True) -> list[Column]
     """The columns q1, q2, ... of what the pendant shows, within the limits of the joints."""
     joints = experiment.robot.controller.units
     return [
-        Column(f"q{k + 1}", "number", joints[k].si, required=required, check=_within_limits(experiment, k))
+        Column(f"q{k + 1}", "number", joints[k].si, required=required, whole=within_limits(experiment, k))
         for k in range(len(joints))
     ]
-
-
-def _within_limits(experiment: Experiment, k: int) -> Check:
-    """The check of the values of joint k."""
-    controller, joint = experiment.robot.controller, experiment.robot.facts.driven[k]
-    lower, upper = controller.range_of(k)
-
-    def outside(value: float) -> bool:
-        return not lower - controller.tolerance <= value <= upper + controller.tolerance
-
-    def check(value: float, name: str) -> Problem | None:
-        if not outside(value):
-            return None
-        shown, allowed = controller.units[k].text(value, 4), controller.units[k].between(lower, upper)
-        slip = abs(value) > 2.0 * np.pi and not outside(value * controller.units[k].factor)
-        return Problem(f"{joint} is outside its limits", found=shown, allowed=allowed, hint=_units_hint(name, slip))
-
-    return check
 
 
 def _columns(experiment: Experiment) -> list[Column]:
@@ -357,10 +339,3 @@ def _proof(path: Path) -> tuple[PlanCertificate | None, str, int | None]:
         "notes": tuple(stored.notes),
     }
     return PlanCertificate(**values), proof.criterion, proof.seed
-
-
-def _units_hint(name: str, fits: bool) -> str | None:
-    """fits: whether the number would be allowed in deg, or mm"""
-    stem, _, unit = name.partition("_")
-    words = {"rad": ("degrees", "deg"), "m": ("millimetres", "mm")}.get(unit)
-    return f"The number looks like {words[0]}: call the column {stem}_{words[1]}." if words and fits else None

@@ -68,7 +68,7 @@ def _columns(experiment: Experiment, states: bool, bare: bool) -> list[Column]:
         *(Column(m, "number", "N m", blank=states) for m in _MOMENT),
         Column("marker", "text", required=True, check=marker),
         *([Column("state", "text", required=True, check=state)] if states else []),
-        *(Column(d, "number", "m", not bare, blank=True, check=size) for d in (_XYZ if states else _MOVED)),
+        *(Column(d, "number", "m", required=not bare, blank=True, check=size) for d in (_XYZ if states else _MOVED)),
         Column("gauge", "number", "m", blank=True, check=None if states else _small),
         *(Column(u, "number", blank=True) for u in _ALONG),
         Column("to_marker", "text", check=marker),

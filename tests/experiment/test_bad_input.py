@@ -316,3 +316,52 @@ def test_bad_input_ends_with_code_2_and_writes_nothing(folder: Path) -> None:
     assert "more problems" in run.stderr
     assert run.stdout == ""
     assert sorted(folder.rglob("*")) == before
+
+
+TABLE = "pose,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,fx_N,fy_N,fz_N,marker,dx_mm,dy_mm,dz_mm\n"
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda q2, q3: (q2, q3 - q2), "with q3 + q2 in place of q3 (the axes are coupled)"),
+        (lambda q2, q3: (q2, q3 + q2), "with q3 - q2 in place of q3 (the axes are coupled)"),
+        (lambda q2, q3: (q2, -q3), "with the sign of q3 reversed"),
+        (lambda q2, q3: (q2 - 90, q3), "with q2 + 90 deg (another zero)"),
+    ],
+)
+def test_angles_outside_the_limits_are_told_once_with_the_convention_that_fits(
+    change: Callable[[float, float], tuple[float, float]], words: str, folder: Path
+) -> None:
+    angles = [(80, 20), (-55, -120), (42, -32), (10, -90), (60, 25), (-50, -5)]
+    rows = [
+        f"p{k},0,{q2},{q3},0,0,0,0,0,-1000,m1,0.1,0.1,-1" for k, (q2, q3) in enumerate(change(*pair) for pair in angles)
+    ]
+    experiment = load_experiment(folder / "m900ib" / "experiment.yaml")
+    marker = experiment.markers[0].name
+    path = folder / "own.csv"
+    path.write_text(TABLE + "\n".join(rows).replace("m1", marker) + "\n")
+    with pytest.raises(InputError) as error:
+        read_readings(path, experiment)
+    (problem,) = error.value.problems
+    assert "outside its limits" in problem.message
+    assert words in str(problem)
+
+
+def test_decimal_commas_between_commas_are_told_once(folder: Path) -> None:
+    experiment = load_experiment(folder / "m900ib" / "experiment.yaml")
+    path = folder / "own.csv"
+    path.write_text(TABLE + "p1,0,5,20,1,-10,5,0,0,0,0,0,-1000,m1,0,1,0,1,-1,2\n" * 9)
+    with pytest.raises(InputError) as error:
+        read_readings(path, experiment)
+    (problem,) = error.value.problems
+    assert "wrong number of columns in 9 of 9 rows" in str(problem)
+    assert "decimal commas" in str(problem)
+
+
+def test_no_number_in_a_reading_says_to_leave_the_cell_empty(folder: Path) -> None:
+    experiment = load_experiment(folder / "m900ib" / "experiment.yaml")
+    path = folder / "own.csv"
+    path.write_text(TABLE + f"p1,0,5,-20,0,10,0,0,0,-1000,{experiment.markers[0].name},NaN,0.1,-1\n")
+    with pytest.raises(InputError, match="Leave the cell empty, or put 0 in the column use"):
+        read_readings(path, experiment)
