@@ -197,7 +197,9 @@ def _joint(urdf: Urdf, joint: Joint) -> Iterator[Problem]:
             yield joint.place.problem(f"{owner} has no limits", hint='Add <limit lower=".." upper=".."/>.')
         elif joint.limits[0] >= joint.limits[1]:
             found = f"{joint.limits[0]:g} .. {joint.limits[1]:g}"
-            hint = "Exchange the two, or correct the one that is wrong."
+            same = joint.limits[0] == joint.limits[1]
+            still = 'A joint that does not move is one of type="fixed"; else state how far it turns.'
+            hint = still if same else "Exchange the two, or correct the one that is wrong."
             yield joint.place.problem(f"{owner}: the lower limit must be below the upper", found=found, hint=hint)
     if joint.moves and np.isfinite(joint.axis).all() and np.linalg.norm(joint.axis) < 1e-9:
         yield joint.place.problem(f"{owner}: the axis has no direction", found="0 0 0")

@@ -9,6 +9,7 @@ The flange is at T_1 T_2 ... T_n of the base. In the modified table a row holds 
 from __future__ import annotations
 
 import csv
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -117,9 +118,43 @@ def _read(path: Path) -> list[_Row]:
         if row.joint in [other.joint for other in rows[:k]]:
             message = f"joint {row.joint!r} stands here a second time"
             problems.append(Problem(message, file=str(path), line=row.line, column="joint"))
+    problems = problems or list(_other_units(path, cells[0][0], columns, rows))
     if problems:
         raise InputError(problems)
     return rows
+
+
+def _other_units(path: Path, line: int, columns: list[tuple[str, str]], rows: list[_Row]) -> Iterator[Problem]:
+    """Columns whose numbers are those of another unit than their header's."""
+    for stem, unit in columns:
+        numbers = [abs(row.values[stem]) for row in rows if row.values.get(stem)]
+        found = np.array(units.from_si(np.array(numbers), unit)) if stem in _KINDS else np.zeros(0)
+        meant = _meant(stem, unit, found) if len(found) > 1 else ""
+        if meant:
+            message = f"the numbers of {stem}_{unit} look like {meant}"
+            hint = f"Name the column {stem}_{meant} if they are; else correct them."
+            shown = f"up to {found.max():g} {unit}"
+            yield Problem(message, file=str(path), line=line, column=f"{stem}_{unit}", found=shown, hint=hint)
+
+
+def _meant(stem: str, unit: str, found: Array) -> str:
+    """The unit of which the sizes (two or more, not 0) of a column are, where it is not its own."""
+    largest, turn = found.max(), 2.0 * np.pi
+    if unit == "mm":
+        return "m" if largest < _SHORT else ""
+    if unit == "m":
+        return "mm" if largest > _LONG else ""
+    limits = stem in ("min", "max")
+    if unit == "deg":
+        eighths = found / (turn / 8.0)
+        return (
+            "rad" if largest <= 1.01 * turn and (limits or np.allclose(eighths, np.round(eighths), atol=0.01)) else ""
+        )
+    return "deg" if unit == "rad" and largest > (4.0 * turn if limits else 1.01 * turn) else ""
+
+
+_SHORT, _LONG = 5.0, 30.0
+"""mm, m: no arm has links that are all shorter, or any that is longer."""
 
 
 def _columns(path: Path, line: int, head: list[str], problems: list[Problem]) -> list[tuple[str, str]]:

@@ -14,7 +14,7 @@ from qsframework.robot.model import plain_urdf
 from qsframework.robot.packages import Sources
 from qsframework.robot.scaffold_balancer import Balancer, find_balancer
 from qsframework.robot.scaffold_chain import Build, build_of, choose_chain
-from qsframework.robot.scaffold_joints import ChainJoint, Column, columns, slides, told_joints, used_limits
+from qsframework.robot.scaffold_joints import ChainJoint, Column, columns, many_turns, slides, told_joints, used_limits
 from qsframework.robot.scaffold_masses import mass_of, with_bodies, with_masses
 from qsframework.robot.scaffold_meshes import with_meshes
 from qsframework.robot.scaffold_reach import reach_words
@@ -271,6 +271,11 @@ def _found(
     if lost := [j.name for j in turning if j.limits is not None and used_limits(j) != j.limits]:
         notes.append(
             f"limits: -360..360 deg are assumed for {', '.join(lost)}, whose stated limits are those of no turn"
+        )
+    if far := [j.name for j in every if many_turns(j)]:
+        notes.append(
+            f"limits: {', '.join(far)} would turn more than four times either way: angles of a URDF are in rad. "
+            "Where degrees are meant, correct them there, and run qsf new again"
         )
     bare = [j.child for j in moving if not any(_solids(urdf.link(name)) for name in _with_fixed(urdf, j.child))]
     if bare:

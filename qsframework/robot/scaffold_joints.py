@@ -69,6 +69,11 @@ def used_limits(joint: Joint) -> tuple[float, float]:
     return stated
 
 
+def many_turns(joint: Joint) -> bool:
+    """Whether a joint that turns states limits that arms do not have, as degrees in the place of radians are."""
+    return joint.kind == "revolute" and joint.limits is not None and max(map(abs, joint.limits)) > 4.0 * _TURN
+
+
 def columns(urdf: Urdf, chain: Sequence[Joint]) -> tuple[list[Joint], list[Column]]:
     """The chain with its telescopic columns as joints that can be: where stages follow a slide that is no part of the
     chain, the first stage stands for the slide and the others follow it; and these columns.
@@ -148,7 +153,7 @@ def _of_chain(stated: Joint, joint: Joint, led: Sequence[Column]) -> ChainJoint:
         return _row(stated, fate, f"no motor: follows {joint.mimic.joint}")
     used = used_limits(joint)
     if joint.kind != "continuous":
-        return _row(stated, Fate.KEPT, "", used)
+        return _row(stated, Fate.KEPT, "beyond four turns: are they degrees?" if many_turns(joint) else "", used)
     if stated.limits is None:
         return _row(stated, Fate.KEPT, "continuous, without limits in the URDF", used)
     if used == stated.limits:
@@ -163,6 +168,8 @@ def _why_dropped(urdf: Urdf, joint: Joint, chain: Sequence[Joint], flange: str, 
     fingers = followers(urdf, joint)
     if fingers:
         return f"drives fingers: {', '.join(finger.name for finger in fingers)} follow{'s' * (len(fingers) == 1)} it"
+    if joint.mimic is not None and joint.mimic.joint not in [other.name for other in urdf.joints]:
+        return f"follows {joint.mimic.joint}, which is no joint of the file: correct its <mimic>"
     if joint.mimic is not None:
         return f"follows {joint.mimic.joint} beside the arm"
     last = [flange, *(j.child for j in chain if j.moves)][-1]

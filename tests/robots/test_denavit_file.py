@@ -118,3 +118,31 @@ def test_one_description_is_asked_for(tmp_path: Path) -> None:
     ):
         with pytest.raises(InputError, match=re.escape(words)):
             new_robot("arm", urdf, given, arm=arm)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("a_mm", "a_m", "column a_m: a_m must be a number"),
+        (
+            "alpha_deg",
+            "alpha_rad",
+            "the numbers of alpha_rad look like deg; found up to 180 rad. Name the column alpha_deg",
+        ),
+        ("min_deg,max_deg", "min_rad,max_rad", "the numbers of max_rad look like deg"),
+    ],
+)
+def test_numbers_of_another_unit_than_the_header_are_told(old: str, new: str, words: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError) as error:
+        read_denavit(table(tmp_path, HEAD.replace(old, new) + TABLE))
+    assert words in str(error.value)
+
+
+def test_metres_and_radians_under_millimetres_and_degrees_are_told(tmp_path: Path) -> None:
+    rows = "1,0.35,-1.5708,0.815,0\n2,1.2,0,0,-1.5708\n3,-0.145,1.5708,0,0\n"
+    with pytest.raises(InputError) as error:
+        read_denavit(table(tmp_path, "joint,a_mm,alpha_deg,d_mm,theta_deg\n" + rows))
+    assert "the numbers of a_mm look like m; found up to 1.2 mm. Name the column a_m" in str(error.value)
+    assert "the numbers of alpha_deg look like rad; found up to 1.5708 deg. Name the column alpha_rad" in str(
+        error.value
+    )
