@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import datetime
+import math
 import zipfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import numpy as np
 import pytest
 import samples
 from samples import Campaign, Reading, lines
 from test_joining import FLOOR, known_points
 from typer.testing import CliRunner
 
+from qsframework.applications.importers import import_readings
 from qsframework.cli.main import _told, app
 from qsframework.errors import InputError
 
@@ -269,6 +272,46 @@ def another_order_than_that_of_the_plan(c: Campaign) -> Made:
     return [path, "--match", "order"]
 
 
+@spoiled("points.csv, line", "most points do not lie where", "They fit as mirror images", "two axes")
+def two_axes_exchanged(c: Campaign) -> Made:
+    return [c.write("points.csv", lines([HEAD, *([name, x, z, y] for name, x, y, z in rows_of(c))]))]
+
+
+def other_plan(c: Campaign, change: Callable[[list[float]], list[float]]) -> Made:
+    """The points with a plan that holds other angles; the option replaces the right plan."""
+    head = ["pose", *(f"q{k}_deg" for k in range(1, 7)), "fx_N", "fy_N", "fz_N"]
+    poses = {r.pose: r.degrees for r in c.readings}
+    rows = [[pose, *map(str, change(list(own))), "0", "0", "-4000"] for pose, own in poses.items()]
+    return [table(c), "--plan", c.write("plan.csv", lines([head, *rows]))]
+
+
+@spoiled("points.csv, line", "most points do not lie where", "They fit with angles in rad, not in deg")
+def angles_in_radians(c: Campaign) -> Made:
+    return other_plan(c, lambda q: [math.radians(v) for v in q])
+
+
+@spoiled("points.csv, line", "most points do not lie where", "They fit with q3 + q2 in place of q3")
+def a_coupled_third_angle(c: Campaign) -> Made:
+    return other_plan(c, lambda q: [*q[:2], q[2] - q[1], *q[3:]])
+
+
+@spoiled("points.csv, line 1", "cylindrical or spherical", "Theta [deg]", "Cartesian")
+def cylindrical_coordinates(c: Campaign) -> Made:
+    polar = [
+        [name, math.hypot(float(x), float(y)), math.degrees(math.atan2(float(y), float(x))), z]
+        for name, x, y, z in rows_of(c)
+    ]
+    return [
+        c.write("points.csv", lines([["name", "R [mm]", "Theta [deg]", "Z [mm]"], *([*map(str, r)] for r in polar)]))
+    ]
+
+
+@spoiled("points.csv, line 3, column Unit", "is no unit of length", "found 'furlong'")
+def a_unit_of_a_row_that_is_none(c: Campaign) -> Made:
+    rows = [[*row, "furlong" if k == 1 else "mm"] for k, row in enumerate(rows_of(c))]
+    return [c.write("points.csv", lines([["name", "x", "y", "z", "Unit"], *rows]))]
+
+
 @spoiled("xyz.csv, line 2", "24 points have no names", "--match order")
 def points_without_names(c: Campaign) -> Made:
     return [samples.unnamed(c)]
@@ -462,3 +505,14 @@ def test_times_are_read_in_one_way_only() -> None:
     assert moment(f"{noon * 1e9:.0f}", "ns") == (pytest.approx(noon), "date")
     for unclear in ("03/04/2026 12:00:00", "noon", "25:00:00", "1500"):
         assert moment(unclear, "") is None
+
+
+def test_a_column_of_units_holds_row_by_row(tmp_path: Path) -> None:
+    c = samples.make_campaign(tmp_path)
+    rows = [
+        [name, *(f"{float(v) / 25.4:.6f}" for v in xyz), "in"] if k % 2 else [name, *xyz, "mm"]
+        for k, (name, *xyz) in enumerate(rows_of(c))
+    ]
+    path = c.write("points.csv", lines([["name", "x", "y", "z", "Unit"], *rows]))
+    found = import_readings(c.experiment, [path], c.folder / "plan.csv")
+    assert np.allclose(found.readings.value, [r.mm for r in c.readings] * np.array(1e-3), atol=1e-7)

@@ -13,12 +13,15 @@ from qsframework.applications.importers.placing import UNITS, PlacementFit, agre
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment
 from qsframework.experiment.columns import MOST_PROBLEMS
-from qsframework.plugin import Array
+from qsframework.experiment.limits import other_angles
+from qsframework.plugin import Array, Indices
 
 _MOST_AGREE = 0.5
 """Share of the points that must agree with one frame before the others are called wrong one by one."""
 _FEWEST_AGREE = 4
 """Any three points agree with some frame."""
+_NEARLY_ALL = 0.9
+"""Share of the points that must agree under another convention for it to be named."""
 _NEAR = 1e-2
 """m: a point that another marker, pose or unit brings so near is probably that."""
 
@@ -84,7 +87,10 @@ def check_places(
             out.append(Placed(series, 0, 0.0, 0.0))
             continue
         if fit.agrees.mean() < _MOST_AGREE or fit.agrees.sum() < _FEWEST_AGREE:
-            problems.append(_few_agree(own, fit, within))
+            named = [s.marker for _, _, s in rows]
+            column = np.array([markers.index(name) for name in named])
+            words = _convention(experiment, pendant[[i for i, _, _ in rows]], column, seen, within)
+            problems.append(_few_agree(own, fit, within, words))
             continue
         for k in np.flatnonzero(~fit.agrees).tolist():
             problems.append(_misplaced(own[k], fit, float(fit.off[k]), campaign, experiment, within))
@@ -95,12 +101,29 @@ def check_places(
     return tuple(out)
 
 
-def _few_agree(points: Sequence[TrackerPoint], fit: PlacementFit, within: float) -> Problem:
-    """One problem where most points lie elsewhere than they were taken for."""
+def _convention(experiment: Experiment, pendant: Array, marker: Indices, seen: Array, within: float) -> str | None:
+    """The convention in which nearly all points (N, 3) lie where pendant values (N, n) put their markers (N,)."""
+    rows = np.arange(len(seen))
+
+    def agrees(values: Array, points: Array) -> bool:
+        there = marker_places(experiment, values)[rows, marker]
+        fit = agreed_frame(there, points, within)
+        return fit is not None and float(fit.agrees.mean()) >= _NEARLY_ALL
+
+    if agrees(pendant, seen * [1.0, 1.0, -1.0]):
+        return "as mirror images: two axes of the coordinates are exchanged, or the sign of one is reversed"
+    return next(
+        (words for words, values in other_angles(experiment.robot.controller, pendant) if agrees(values, seen)), None
+    )
+
+
+def _few_agree(points: Sequence[TrackerPoint], fit: PlacementFit, within: float, convention: str | None) -> Problem:
+    """One problem where most points lie elsewhere than they were taken for, with the convention in which they fit."""
     first = next(k for k, agrees in enumerate(fit.agrees.tolist()) if not agrees)
     agree = f"{int(fit.agrees.sum())} of {len(points)} within {1e3 * within:g} mm"
     found = f"in one frame {agree}; this is the first that is not"
     hint = "Is one point too many or missing before it, or are names, angles or the plan of another day?"
+    hint = hint if convention is None else f"They fit {convention}. Correct the file, or its headers."
     return points[first].problem(
         "most points do not lie where their poses put the markers", "x", found=found, hint=hint
     )

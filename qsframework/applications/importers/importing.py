@@ -405,7 +405,7 @@ class _Import:
             found = join_order(points, self.log, self.joints)
         else:
             found, _ = join_time(points, self.log, self.joints, self.options.clock, campaign)
-        check_planned(points, found, campaign, self.log)
+        check_planned(points, found, campaign, self.log, self.experiment.robot.controller)
         return found
 
     def _unloaded_frames(self, points: Sequence[TrackerPoint], pendant: Array) -> tuple[Aligned, ...]:

@@ -13,7 +13,9 @@ from qsframework.applications.importers.names import decode, plain, vocabulary
 from qsframework.applications.importers.tables import Listing
 from qsframework.errors import InputError, Problem
 from qsframework.experiment.columns import MOST_PROBLEMS
+from qsframework.experiment.limits import other_angles
 from qsframework.plugin import Array
+from qsframework.robot import Controller
 
 _STILL = np.deg2rad(0.02)
 """An arm whose angles change by less stands still; controllers show hundredths."""
@@ -238,8 +240,11 @@ def _windows(
     return out
 
 
-def check_planned(points: Sequence[TrackerPoint], pendant: Array, campaign: Campaign, log: Listing) -> None:
-    """InputError where the log's angles are not those of the planned pose."""
+def check_planned(
+    points: Sequence[TrackerPoint], pendant: Array, campaign: Campaign, log: Listing, controller: Controller
+) -> None:
+    """InputError where the log's angles are not those of the planned pose; one where those of most are not, with the
+    convention in which all are."""
     problems: list[Problem] = []
     for point, angles in zip(points, pendant, strict=True):
         planned = campaign.poses.get(_pose(point) or "")
@@ -252,5 +257,24 @@ def check_planned(points: Sequence[TrackerPoint], pendant: Array, campaign: Camp
             message = f"{what}: the log has joint {k + 1} {off[k]:.3g} deg from where the plan puts it"
             hint = f"Is {log.sheet.path.name} of this campaign, in this order, in this unit?"
             problems.append(point.problem(message, hint=hint))
+    if len(problems) > 2 and 2 * len(problems) > len(points):
+        problems = [_all_elsewhere(problems, points, pendant, campaign, controller)]
     if problems:
         raise InputError(problems[:MOST_PROBLEMS])
+
+
+def _all_elsewhere(
+    problems: Sequence[Problem],
+    points: Sequence[TrackerPoint],
+    pendant: Array,
+    campaign: Campaign,
+    controller: Controller,
+) -> Problem:
+    """One problem of most points, with the convention of the log in which it agrees with the plan."""
+    known = [k for k, point in enumerate(points) if _pose(point) in campaign.poses]
+    planned = np.array([campaign.poses[_pose(points[k]) or ""] for k in known])
+    others = other_angles(controller, pendant[known])
+    words = next((words for words, values in others if (np.abs(values - planned) <= _PLANNED).all()), "")
+    message = f"{problems[0].message}, and so with {len(problems)} of {len(points)} points"
+    hint = f"They agree {words}. Correct the log, or its headers." if words else problems[0].hint
+    return replace(problems[0], message=message, hint=hint)

@@ -18,8 +18,10 @@ from qsframework.applications.importers.times import moment
 from qsframework.applications.importers.vocabulary import (
     MEASURED,
     PLAIN,
+    UNIT_COLUMNS,
     XYZ,
     Meaning,
+    header_parts,
     meaning,
     unit_kind,
     unit_of,
@@ -32,6 +34,11 @@ from qsframework.plugin import Array
 
 _JOINT_NAME = re.compile(r".*\bname\s?[\[_.]?(\d)\]?")
 """Columns that name the joints of a row, as ROS writes them."""
+_POLAR = re.compile(
+    r"theta|phi|azimuth|az|hz|zenith|[a-z]+[ _]?(angle|winkel)",
+    re.IGNORECASE,
+)
+"""Columns of points that are not x, y and z."""
 _BEYOND = 1e20
 """Coordinates that some instruments write where they see nothing."""
 _WITH_UNIT = re.compile(rf"({NUMBER.pattern})\s*([^\d\s.,+-]\S{{0,12}})")
@@ -143,7 +150,8 @@ def interpret(sheet: Sheet, stated: Stated, joints: Sequence[str]) -> Listing:
     taken: list[Taken] = []
     texts: dict[str, tuple[str, ...]] = {}
     numbers: dict[str, Array] = {}
-    left = [sheet.column(k) for k in range(sheet.width) if k not in {c for c, _ in roles.values()}]
+    each = _unit_column(sheet, roles, stated, problems)
+    left = [sheet.column(k) for k in range(sheet.width) if k not in {each[0], *(c for c, _ in roles.values())}]
     left += sheet.left
     clock = ""
     for role, (k, told) in roles.items():
@@ -166,6 +174,9 @@ def interpret(sheet: Sheet, stated: Stated, joints: Sequence[str]) -> Listing:
             unit, by = _unit(si, told, above, stated)
             optional = hidden | (role in ("temperature", "sigma"))
             values, own = _numbers(sheet, k, cells, optional, problems)
+            if role in XYZ and each[1] and not (own or told.unit):
+                values = values * np.array([units.to_si(1.0, one) for one in each[1]])
+                own = "m"
             if own and unit and own != unit:
                 problems.append(sheet.problem(sheet.rows[0], "the cells say another unit", k, found=own, allowed=unit))
             unit, by = (own, "cells") if own else (unit, by)
@@ -191,6 +202,27 @@ def interpret(sheet: Sheet, stated: Stated, joints: Sequence[str]) -> Listing:
         unit=length,
         clock=clock,
     )
+
+
+def _unit_column(
+    sheet: Sheet, roles: Mapping[str, tuple[int, Meaning]], stated: Stated, problems: list[Problem]
+) -> tuple[int, list[str]]:
+    """The column that says the unit of each row's coordinates, -1 where there is none, and these units."""
+    free = [k for k in range(len(sheet.header)) if k not in {c for c, _ in roles.values()}]
+    k = next((k for k in free if "x" in roles and sheet.header[k].strip().lower() in UNIT_COLUMNS), -1)
+    if k < 0:
+        return -1, []
+    found: list[str] = []
+    for row in sheet.rows:
+        unit = unit_of(row.cells[k])
+        if unit is None or unit_kind(unit) != "m":
+            allowed = "mm, m, in, ..."
+            problems.append(sheet.problem(row, "is no unit of length", k, found=repr(row.cells[k]), allowed=allowed))
+        found.append(unit or "m")
+    if "m" in stated.units and set(found) != {stated.units["m"]}:
+        message, hint = "this column says the unit of each row", "Leave the stated unit of length out."
+        problems.append(sheet.problem(None, message, k, found=f"and {stated.units['m']} is stated", hint=hint))
+    return k, [] if problems else found
 
 
 def _roles(sheet: Sheet, stated: Stated, joints: Sequence[str]) -> dict[str, tuple[int, Meaning]]:
@@ -286,6 +318,10 @@ def _complete(sheet: Sheet, roles: dict[str, tuple[int, Meaning]], joints: int) 
         return {role: at for role, at in roles.items() if role not in stems}
     if len(angles) == joints and len(axes) in (0, len(XYZ)):
         return roles
+    if "x" not in roles and (polar := [h for h in sheet.header if _POLAR.fullmatch(header_parts(h)[0].strip())]):
+        message = "these are cylindrical or spherical coordinates, not x, y and z"
+        hint = "Export the points in Cartesian coordinates."
+        raise InputError(Problem(message, sheet.where, sheet.header_line, found=", ".join(polar), hint=hint))
     missing = [s for s in stems if s not in roles] if angles and not axes else [a for a in XYZ if a not in roles]
     if axes and angles:
         missing += [s for s in stems if s not in roles]

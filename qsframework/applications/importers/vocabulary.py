@@ -16,6 +16,8 @@ PLAIN = ("group", "collection", "block", *FOUND_BY, "series", "date")
 """Roles of words."""
 MEASURED = {"x": "m", "y": "m", "z": "m", "time": "s", "temperature": "K", "sigma": "m"}
 """Roles of numbers, with their SI unit; angles q1, q2, ... are beside them."""
+UNIT_COLUMNS = ("unit", "units", "einheit", "length unit", "unit of length", "uom")
+"""A column of the unit of each row's coordinates."""
 LOADED = ("loaded", "fullload", "belastet")
 UNLOADED = ("unloaded", "noload", "free", "empty", "unbelastet", "leer")
 """Words that can mean nothing else: single letters, and words such as load and last, must be stated."""
