@@ -12,6 +12,7 @@ from dataclasses import KW_ONLY, dataclass
 from functools import cache
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
+from qsframework.arguments import check_options
 from qsframework.errors import InputError, Problem, nearest
 
 
@@ -82,7 +83,7 @@ def hints_of(declared: Any) -> Mapping[str, Any]:
     return get_type_hints(declared, localns={"Array": str}, include_extras=True)
 
 
-def checked(field: str, declared: Any, value: Any) -> None:
+def check_choice(field: str, declared: Any, value: Any) -> None:
     """InputError for a value that the option of an annotation does not allow."""
     option = option_of(declared)
     if option is not None and (problem := option.problem(field, value)) is not None:
@@ -100,6 +101,7 @@ class Options:
 
     def __post_init__(self) -> None:
         """InputError with every problem."""
+        check_options(self)
         if problems := self._problems():
             raise InputError(problems)
 

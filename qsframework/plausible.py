@@ -47,6 +47,10 @@ LOADS = 20.0
 kilonewtons are a thousandfold."""
 
 
+TOOL = 10.0
+"""Metres from the flange beyond which a load's point is a slip: no tool is as long as the longest arm reaches."""
+
+
 def beyond(value: float, si: str) -> PlausibleRange | None:
     """The range that a value, SI, lies outside of; None where it may be, and for what is no number."""
     known = RANGES.get(si)

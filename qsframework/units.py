@@ -16,6 +16,8 @@ from typing import Any, cast
 import numpy as np
 import numpy.typing as npt
 
+from qsframework.errors import InputError, Problem
+
 _ALIASES = {"Nm": "N*m", "kNm": "kN*m", "percent": "percent", "": "dimensionless"}
 _LONGEST = 40
 _SHAPE = re.compile(r"(?:1\s*(?=/)|[^\W\d]\w*+|[°%²³]|(?:\*\*|\^)\s*-?\d(?![\w.]|\s*(?:\*\*|\^))|[*/()\s])+")
@@ -122,15 +124,24 @@ def same_dimension(unit: str, si: str) -> bool:
 
 
 def to_si(value: Any, unit: str) -> Any:
-    """A number or array in the unit, as SI."""
+    """A number or array in the unit, as SI. ValueError as `conversion` has it, InputError for what is no number."""
     factor, offset, _ = conversion(unit)
-    return value * factor + offset
+    return _number(value) * factor + offset
 
 
 def from_si(value: Any, unit: str) -> Any:
-    """An SI number or array in the unit. ValueError as `conversion` has it."""
+    """An SI number or array in the unit. Errors as of `to_si`."""
     factor, offset, _ = conversion(unit)
-    return (value - offset) / factor
+    return (_number(value) - offset) / factor
+
+
+def _number(value: Any) -> Any:
+    """The value where it can be reckoned with; a list as an array."""
+    number: Any = np.asarray(cast("Any", value)) if isinstance(value, list | tuple) else value
+    if np.asarray(number).dtype.kind in "USO":
+        found = f"{cast('Any', value)!r} ({type(cast('Any', value)).__name__})"
+        raise InputError(Problem(f"value: found {found}", allowed="a number or an array of numbers"))
+    return number
 
 
 def split(name: str, stems: tuple[str, ...] | list[str]) -> tuple[str, str] | None:

@@ -12,6 +12,7 @@ import numpy as np
 
 from qsframework.applications.reach import Free, Reached, ReachTool, reach, tool_of
 from qsframework.applications.task import Task
+from qsframework.arguments import checked
 from qsframework.design import DesignOptions, design
 from qsframework.elastostatics import Model, cartesian_compliance, equilibrium, make_model, range_notes
 from qsframework.errors import InputError, NotCertified, NotConverged, NotIdentifiable
@@ -115,6 +116,7 @@ def _robot_json(r: Compared, shared: Flags) -> dict[str, Any]:
     }
 
 
+@checked
 def compare(
     robots: Sequence[Robot | str | Path],
     task: Task,
@@ -139,18 +141,18 @@ def compare(
     Raises:
         InputError: where a robot is not found or cannot do the task's campaign.
     """
-    robots = [as_robot(robot, task.path.parent) for robot in robots]
-    names = [r.name for r in robots]
+    arms = [as_robot(robot, task.path.parent) for robot in robots]
+    names = [r.name for r in arms]
     if len(set(names)) != len(names) or len(names) < 2:
         raise InputError(f"compare needs two or more different robots, found {', '.join(names)}")
     tell = tell or (lambda label, done, total: None)
     out: list[Compared] = []
-    tell("robots", 0, len(robots))
-    for found in run(_found, (tuple(robots), task, seed), range(len(robots)), work):
-        robot = robots[len(out)]
+    tell("robots", 0, len(arms))
+    for found in run(_found, (tuple(arms), task, seed), range(len(arms)), work):
+        robot = arms[len(out)]
         parameters = campaign_of(robot, task, tool_of(robot, task.tool)).fit_parameters()
         out.append(Compared(robot=robot, parameters=parameters, **found))
-        tell("robots", len(out), len(robots))
+        tell("robots", len(out), len(arms))
     more = notes or {}
     return Comparison(task, tuple(replace(r, notes=(*r.notes, *more.get(r.robot.name, ()))) for r in out))
 

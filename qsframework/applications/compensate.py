@@ -18,6 +18,7 @@ import numpy as np
 from qsframework.applications.inverse import TipPose, arm_length, joint_step, pose_error, rigid_jacobian, rigid_tip
 from qsframework.applications.options import Reference
 from qsframework.applications.targets import Targets
+from qsframework.arguments import checked
 from qsframework.elastostatics import Model, actuator_torques, equilibrium, range_notes
 from qsframework.elastostatics.so3 import cross_matrix
 from qsframework.errors import InputError, NotConverged, Problem
@@ -26,7 +27,7 @@ from qsframework.experiment.account import Account, some_of
 from qsframework.files import as_file
 from qsframework.identify import FitRecord
 from qsframework.identify.soundness import check_fit
-from qsframework.option import checked
+from qsframework.option import check_choice
 from qsframework.plugin import Array, Indices, Load, Poses
 from qsframework.plugin.facts import frozen
 from qsframework.units import JointUnits
@@ -122,6 +123,7 @@ class Compensation(Viewed):
         return {"targets": rows, "largest": worst, "account": as_file(self.account), "notes": list(self.notes)}
 
 
+@checked
 def compensate(
     experiment: Experiment,
     fit: FitRecord,
@@ -155,7 +157,7 @@ def compensate(
             wrench there.
     """
     doubted = check_fit(fit, experiment.robot, experiment, anyway=anyway)
-    checked("reference", Reference, reference)
+    check_choice("reference", Reference, reference)
     if reference == "unloaded" and targets.cartesian:
         raise InputError("reference 'unloaded' is for joint targets; a Cartesian target says itself where to stand")
     model, x = experiment.model(), arm_values(experiment, fit)

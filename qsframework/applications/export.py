@@ -14,6 +14,7 @@ from qsframework.applications.export_krl import write_krl
 from qsframework.applications.export_rapid import write_rapid
 from qsframework.applications.export_urscript import write_urscript
 from qsframework.applications.programme import Programme
+from qsframework.arguments import checked
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.experiment.columns import quoted
 from qsframework.files import write_text
@@ -29,6 +30,7 @@ _NAME = re.compile(r"[A-Za-z0-9_.+-]{1,16}")
 """A pose's name that every format can hold."""
 
 
+@checked
 def export(programme: Programme, to: str, path: str | Path) -> tuple[Path, ...]:
     """Write a programme in a controller's format.
 

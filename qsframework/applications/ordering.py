@@ -16,7 +16,7 @@ import numpy as np
 
 from qsframework.applications.options import Order
 from qsframework.experiment import Plan
-from qsframework.option import checked
+from qsframework.option import check_choice
 from qsframework.plugin import Array, Indices
 
 _STARTS = 8
@@ -71,7 +71,7 @@ def visits(
     Poses of one station stay together in every order.
     "plan": as the plan lists them, repeats in later rounds. `penalty` (rad) makes the way between two poses longer.
     """
-    checked("order", Order, order)
+    check_choice("order", Order, order)
     rng, out = np.random.default_rng(seed), list[int]()
     cost = _effort(plan.pendant)
     for (i, j), more in (penalty or {}).items():

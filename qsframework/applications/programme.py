@@ -11,6 +11,7 @@ import numpy as np
 from qsframework.applications.options import Order
 from qsframework.applications.ordering import visits, way_length
 from qsframework.applications.path_check import Surroundings, find_way
+from qsframework.arguments import checked
 from qsframework.design import broken_constraints
 from qsframework.elastostatics import actuator_torques
 from qsframework.errors import InputError, Problem
@@ -87,6 +88,7 @@ class Programme:
         return sum(1 for m in self.moves if not m.measured) - 2 * self.home
 
 
+@checked
 def make_programme(
     experiment: Experiment,
     plan: Plan,

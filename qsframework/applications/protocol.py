@@ -15,6 +15,7 @@ import numpy as np
 from qsframework.applications.options import ProtocolOptions
 from qsframework.applications.ordering import visits, with_repeats
 from qsframework.applications.programme import check_plan, load_name, payload_notes
+from qsframework.arguments import checked
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment, Plan
 from qsframework.experiment.columns import joint_cells, number, write_table
@@ -101,6 +102,7 @@ class Protocol:
         return (seconds + 60.0 * self.options.warm_up) / 3600.0
 
 
+@checked
 def make_protocol(
     experiment: Experiment, plan: Plan, options: ProtocolOptions | None = None, file: str = ""
 ) -> Protocol:

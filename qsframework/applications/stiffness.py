@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from qsframework.arguments import checked
 from qsframework.elastostatics import Model, cartesian_compliance, equilibrium, make_model, range_notes
 from qsframework.elastostatics.displacements import evaluate
 from qsframework.elastostatics.state import site_in
 from qsframework.errors import InputError, Problem
+from qsframework.plausible import LOADS, TOOL, too_strong
 from qsframework.plugin import Array, Poses
 from qsframework.robot import Robot, as_robot
 from qsframework.viewed import Viewed
@@ -65,6 +67,7 @@ class Stiffness(Viewed):
         }
 
 
+@checked
 def stiffness_at(
     robot: Robot | str | Path, pendant: ArrayLike, wrench: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0)
 ) -> Stiffness:
@@ -85,6 +88,9 @@ def stiffness_at(
     robot = as_robot(robot)
     pendant, point = as_vector("pendant", pendant, robot.controller.axes), as_vector("point", point, 3)
     wrench = as_vector("wrench", wrench, 6, 3)
+    if (off := float(np.linalg.norm(point))) > TOOL:
+        allowed = f"up to {TOOL:g} m of the flange; lengths are in m"
+        raise InputError(Problem("point: too far for a tool", found=f"{off:g} m", allowed=allowed))
     site = site_in(robot.flange, point)
     model = make_model(robot.facts, robot.effects, robot.parameters, site, [("tip", site)], robot.gravity)
     poses = _one_pose(robot, pendant, wrench)
@@ -116,16 +122,28 @@ def as_vector(name: str, values: ArrayLike, size: int, shorter: int = 0) -> Arra
     return np.concatenate([vector, np.zeros(size - len(vector))])
 
 
+def check_asked(robot: Robot, pendant: Array, wrench: Array) -> None:
+    """InputError where pendant values (N, n) are outside the limits or forces of wrenches (N, 6) beyond any test."""
+    controller = robot.controller
+    outside = controller.outside(pendant)
+    if outside.any():
+        i, k = (int(at) for at in np.argwhere(outside)[0])
+        unit, (low, high) = controller.units[k], controller.range_of(k)
+        of = f"target {i + 1}: " if len(pendant) > 1 else ""
+        in_degrees = not controller.outside(np.where(controller.units.sliding, pendant, np.deg2rad(pendant))).any()
+        hint = "The values would be inside in degrees; angles are in rad: use numpy.deg2rad." if in_degrees else None
+        words, found = f"{of}{robot.facts.driven[k]} is outside its limits", unit.text(pendant[i, k])
+        raise InputError(Problem(words, found=found, allowed=unit.between(low, high), hint=hint, argument=("pose", "")))
+    for force in wrench[:, :3]:
+        if (far := too_strong(force, robot.payload, float(np.linalg.norm(robot.gravity)))) is not None:
+            allowed = f"up to {far[1]:.0f} N, {LOADS:g} times the payload of {robot.name}"
+            raise InputError(Problem("wrench: beyond any test of the arm", found=f"{far[0]:.0f} N", allowed=allowed))
+
+
 def _one_pose(robot: Robot, pendant: Array, wrench: Array) -> Poses:
     if pendant.shape != (robot.controller.axes,):
         raise InputError(f"a pose of {robot.name} has {robot.controller.axes} angles, found {len(pendant)}")
-    outside = np.flatnonzero(robot.controller.outside(pendant))
-    if len(outside):
-        k = int(outside[0])
-        unit, (low, high) = robot.controller.units[k], robot.controller.range_of(k)
-        found, allowed = unit.text(pendant[k]), unit.between(low, high)
-        words = f"{robot.facts.driven[k]} is outside its limits"
-        raise InputError(Problem(words, found=found, allowed=allowed, argument=("pose", "")))
+    check_asked(robot, pendant[None], wrench[None])
     if not np.any(wrench):
         raise InputError("the load is zero; give a force such as 0,0,-4000")
     return Poses(pendant[None], robot.controller.to_joints(pendant[None]), wrench[None])

@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 
 from qsframework.applications.inverse import TipPose, find_joints, rigid_tip
+from qsframework.applications.stiffness import check_asked
+from qsframework.arguments import checked
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment
 from qsframework.experiment.columns import Column, Table, read_table
@@ -40,6 +42,7 @@ _SEED = 0
 class Targets(Viewed):
     """N targets: names, pendant angles (N, n) rad that the controller would go to, wanted poses, wrenches (N, 6).
 
+    robot: the arm's name
     path and rows (N,): where each stands in its file; `cartesian`: whether the file gave poses of the load point
     """
 
@@ -50,6 +53,7 @@ class Targets(Viewed):
     cartesian: bool
     path: Path | None
     rows: tuple[int, ...]
+    robot: str = ""
 
     def __len__(self) -> int:
         return len(self.name)
@@ -61,21 +65,29 @@ class Targets(Viewed):
         )
 
 
+@checked
 def joint_targets(experiment: Experiment, pendant: Array, wrench: Array) -> Targets:
     """Targets at pendant angles under wrenches, named t01, t02, ...
 
     Args:
         experiment: the campaign.
-        pendant: (N, n) what the pendant shows, rad, or m where a joint slides.
-        wrench: (N, 6) force, N, and moment, N m, base frame.
+        pendant: (N, n) what the pendant shows, rad, or m where a joint slides; (n,) of one target.
+        wrench: (N, 6) force, N, and moment, N m, base frame; (6,) of one target.
 
     Returns:
         N targets.
 
     Raises:
-        InputError: where a target is outside the limits.
+        InputError: where an argument has another shape, a target is outside the limits or a force beyond the arm.
     """
     robot = experiment.robot
+    pendant, wrench = np.atleast_2d(pendant), np.atleast_2d(wrench)
+    axes = robot.controller.axes
+    if pendant.shape[1:] != (axes,) or wrench.shape != (len(pendant), 6) or not np.isfinite(wrench).all():
+        allowed = f"finite pendant (N, {axes}) and wrench (N, 6), a row of each per target"
+        found = f"{pendant.shape} and {wrench.shape}"
+        raise InputError(Problem("pendant and wrench: of other shapes, or not finite", found=found, allowed=allowed))
+    check_asked(robot, pendant, wrench)
     wanted = rigid_tip(robot, experiment.load_site, robot.controller.to_joints(pendant))
     count = len(pendant)
     names = tuple(f"t{i + 1:02d}" for i in range(count))
@@ -87,9 +99,11 @@ def joint_targets(experiment: Experiment, pendant: Array, wrench: Array) -> Targ
         cartesian=False,
         path=None,
         rows=tuple(range(1, count + 1)),
+        robot=robot.name,
     )
 
 
+@checked
 def read_targets(path: str | Path, experiment: Experiment, tell: Tell | None = None) -> Targets:
     """Read and check a file of targets, and find joint angles of Cartesian ones.
 
@@ -135,6 +149,7 @@ def read_targets(path: str | Path, experiment: Experiment, tell: Tell | None = N
         cartesian=True,
         path=path,
         rows=tuple(table.rows),
+        robot=experiment.robot.name,
     )
 
 

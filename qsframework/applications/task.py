@@ -13,6 +13,7 @@ from typing import Annotated
 import numpy as np
 import pydantic
 
+from qsframework.arguments import checked
 from qsframework.errors import InputError, Problem, ProblemPlace
 from qsframework.experiment.spec import SHORTEST, LoadCaseSpec
 from qsframework.files import FileModel, Unit, read_yaml, validate
@@ -164,6 +165,7 @@ class Task:
     floor: float | None = None
 
 
+@checked
 def load_task(path: str | Path) -> Task:
     """Read a task.yaml.
 

@@ -10,7 +10,7 @@ from qsframework.design.criteria import Criterion, Determinant, Linear, Sum
 from qsframework.design.minimax import Largest, SmallestEigenvalue
 from qsframework.design.options import CriterionName
 from qsframework.errors import InputError, Problem
-from qsframework.option import checked
+from qsframework.option import check_choice
 from qsframework.plugin import Array
 
 CRITERIA: dict[str, Criterion] = {
@@ -42,7 +42,7 @@ def find_criterion(
     of the tip at J test poses per unit of each scaled parameter, m, for I and G; wanted: positions of the parameters
     that D, A and O3 speak of, the others being estimated beside them, None: all
     """
-    checked("criterion", CriterionName, name)
+    check_choice("criterion", CriterionName, name)
     if name in ("D", "A", "O3", "E") and wanted is not None and len(wanted) < parameters:
         return _of_wanted(name, np.eye(parameters)[:, list(wanted)])
     if name in CRITERIA:

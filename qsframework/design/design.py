@@ -9,6 +9,7 @@ from itertools import combinations, product
 
 import numpy as np
 
+from qsframework.arguments import checked
 from qsframework.design.candidates import Candidates, generate_candidates
 from qsframework.design.catalogue import find_criterion
 from qsframework.design.certified import relaxed_design, shares
@@ -29,7 +30,7 @@ from qsframework.design.problem import (
 from qsframework.design.relaxed import SOLVER
 from qsframework.design.task import white_basis
 from qsframework.elastostatics import Site
-from qsframework.errors import InputError, NotIdentifiable
+from qsframework.errors import InputError, NotIdentifiable, Problem
 from qsframework.experiment import Experiment, Plan, PlanCertificate, Readings, make_plan
 from qsframework.experiment.observations import start_values
 from qsframework.information.rows import as_rows, gathered_information
@@ -49,6 +50,7 @@ _FIRST_STEP = (
 Progress = Callable[[str, int, int], None]
 
 
+@checked
 def design(
     experiment: Experiment,
     poses: int,
@@ -89,6 +91,8 @@ def design(
         NotCertified: where the certificate misses the required efficiency.
     """
     options = options or DesignOptions(criterion=criterion, repeats=repeats)
+    if poses < 1:
+        raise InputError(Problem("poses", found=str(poses), allowed="1 or more"))
     tell: Progress = progress or (lambda step, done, total: None)
     if isinstance(candidates, int):
         told = partial(tell, "candidate poses")
@@ -368,6 +372,7 @@ def _plan(one: _Tried, rule: Robust, options: DesignOptions, bound: float, seed:
         seed,
         units=problem.experiment.robot.controller.units,
         station=stations,
+        robot=problem.experiment.robot.name,
     )
 
 

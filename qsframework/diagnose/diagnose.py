@@ -9,6 +9,7 @@ from itertools import chain
 
 import numpy as np
 
+from qsframework.arguments import checked
 from qsframework.diagnose.evidence_table import findings_of, table_of
 from qsframework.diagnose.learn import LawTrial, foretold, law_trials
 from qsframework.diagnose.likeness import alike
@@ -156,6 +157,7 @@ class _Baseline:
         return self.rows.padded_noise.colour(self.case.residuals)
 
 
+@checked
 @on_one_thread
 def diagnose(
     experiment: Experiment,

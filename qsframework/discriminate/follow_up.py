@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from qsframework.arguments import checked
 from qsframework.design import Candidates, generate_candidates
 from qsframework.diagnose.linearization.candidates import Cause
 from qsframework.diagnose.result import Diagnosis
@@ -51,6 +52,7 @@ class FollowUp:
     suspects: tuple[Suspect, ...]
 
 
+@checked
 def follow_up(
     diagnosis: Diagnosis,
     count: int = COUNT,
@@ -180,7 +182,8 @@ def _pool(diagnosis: Diagnosis, experiment: Experiment, pendant: Array) -> Plan:
     pairs = (poses.pendant, again.pendant), (poses.q, again.q), (poses.wrench, wrench)
     shown, q, pulled = (np.concatenate(pair) for pair in pairs)
     load = [*loads, *(_load_name(experiment, w) for w in wrench)]
-    return make_plan(Poses(shown, q, pulled), load, names=names, units=experiment.robot.controller.units)
+    robot = experiment.robot
+    return make_plan(Poses(shown, q, pulled), load, names=names, units=robot.controller.units, robot=robot.name)
 
 
 def _load_name(experiment: Experiment, wrench: Array) -> str:
@@ -251,4 +254,5 @@ def _plan_of(experiment: Experiment, pool: Plan, chosen: Sequence[int], seed: in
     at = np.array(sorted(chosen))
     names = [f"f{i + 1:02d}" for i in range(len(at))]
     load, units = [pool.load[int(i)] for i in at], experiment.robot.controller.units
-    return make_plan(pool.poses.take(at), load, None, "follow-up", None, seed, names, units)
+    poses = pool.poses.take(at)
+    return make_plan(poses, load, None, "follow-up", None, seed, names, units, robot=experiment.robot.name)

@@ -45,6 +45,9 @@ class FitOptions(Options, FileRecord):
     def _problems(self) -> list[Problem]:
         """Besides the values, what does not go together."""
         problems = super()._problems()
+        if single := [group[0] for group in self.tied if len(group) == 1]:
+            hint = "A group of tied parameters has two or more names: tied=((one, other),)."
+            problems.append(Problem(f"tied to nothing: {', '.join(single)}", hint=hint))
         grouped = [name for group in self.tied for name in group]
         twice = dict.fromkeys(n for n in grouped if n in self.fixed or grouped.count(n) > 1)
         if twice:

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import pydantic
 
+from qsframework.arguments import checked
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.experiment.columns import (
     MOST_PROBLEMS,
@@ -108,6 +109,8 @@ class Plan(Viewed):
     """Of the joints; None: all of them turn."""
     station: tuple[str, ...] = ()
     """Of each pose, where the experiment names stations."""
+    robot: str = ""
+    """The arm's name; "": nobody says."""
 
     @property
     def stations(self) -> tuple[str, ...]:
@@ -142,6 +145,7 @@ def make_plan(
     names: Sequence[str] | None = None,
     units: JointUnits | None = None,
     station: Sequence[str] = (),
+    robot: str = "",
 ) -> Plan:
     """A plan from poses, named p01, p02, ... unless said."""
     count = len(poses)
@@ -157,6 +161,7 @@ def make_plan(
         seed=seed,
         units=units,
         station=tuple(station) if any(station) else (),
+        robot=robot,
     )
 
 
@@ -181,6 +186,7 @@ def _columns(experiment: Experiment) -> list[Column]:
     ]
 
 
+@checked
 def write_plan(path: str | Path, plan: Plan, experiment: Experiment) -> None:
     """Write plan.csv, and beside it plan.json with criterion, certificate, seed and hashes.
 
@@ -236,6 +242,7 @@ def write_plan(path: str | Path, plan: Plan, experiment: Experiment) -> None:
     write_text(path.with_suffix(".json"), json.dumps(beside, indent=2, sort_keys=True) + "\n")
 
 
+@checked
 def read_plan(path: str | Path, experiment: Experiment) -> Plan:
     """Read a plan.csv and, if its hash matches, the certificate beside it.
 
@@ -270,8 +277,8 @@ def read_plan(path: str | Path, experiment: Experiment) -> Plan:
     repeats = table.numbers.get("repeats", np.ones(len(names))).astype(int)
     poses = Poses(pendant, experiment.robot.controller.to_joints(pendant), wrench)
     load = table.texts.get("load", [""] * len(names))
-    units = experiment.robot.controller.units
-    return make_plan(poses, load, repeats.tolist(), criterion, certificate, seed, names, units, station)
+    units, robot = experiment.robot.controller.units, experiment.robot.name
+    return make_plan(poses, load, repeats.tolist(), criterion, certificate, seed, names, units, station, robot)
 
 
 def read_poses(path: str | Path, experiment: Experiment) -> Poses:

@@ -79,6 +79,7 @@ class Readings(Viewed):
     to (R,): marker to which the distance (its only value) was measured, -1 for none
     use (R,): False where a row is masked; line (R,): in the file `sources[file]`; no sources: simulated
     reads (R,): of how many reads, taken without moving, each row is the mean; None: one
+    robot: the arm's name; "": nobody says
     repeatability: stated sd m of the error that the markers of a visit share; None: not stated
     """
 
@@ -104,6 +105,7 @@ class Readings(Viewed):
     repeatability: float | None = None
     alignments: tuple[Alignment, ...] = ()
     made: Made | None = None
+    robot: str = ""
 
     def __len__(self) -> int:
         return len(self.use)
@@ -235,6 +237,7 @@ def joined(parts: list[Readings]) -> Readings:
         drive_state=drives,
         repeatability=parts[0].repeatability,
         alignments=tuple(a for p in parts for a in p.alignments),
+        robot=parts[0].robot,
         made=parts[0].made if all(p.made == parts[0].made for p in parts) else None,
     )
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from qsframework.arguments import checked
 from qsframework.elastostatics import make_model
 from qsframework.errors import InputError, Problem
 from qsframework.experiment.columns import (
@@ -37,7 +38,7 @@ from qsframework.experiment.readings import UNSTATED, Made, Readings, States, ax
 from qsframework.experiment.reads import Reads, averaged
 from qsframework.experiment.setup import GEOMETRY, Experiment
 from qsframework.files import read_yaml, sha256
-from qsframework.option import checked
+from qsframework.option import check_choice
 from qsframework.plausible import RANGES
 from qsframework.plugin import Array, Conditions, Geometry, Indices, Poses, Sensor
 from qsframework.plugin.facts import came_from, frozen
@@ -153,6 +154,7 @@ def _header(path: Path) -> list[str]:
     return [name.strip() for name in header.split(",")]
 
 
+@checked
 def read_readings(path: str | Path | Sequence[str | Path], experiment: Experiment, states: ReadAs = None) -> Readings:
     """Read and check one or more files of a campaign.
 
@@ -170,7 +172,7 @@ def read_readings(path: str | Path | Sequence[str | Path], experiment: Experimen
     """
     paths = [Path(p) for p in ([path] if isinstance(path, str | Path) else path)]
     states = states or experiment.states
-    checked("states", ReadAs, states)
+    check_choice("states", ReadAs, states)
     if not paths:
         raise InputError(
             Problem("no files of readings to read", hint=f"Name one, or add `data:` to {experiment.path}.")
@@ -471,6 +473,7 @@ class _Rows:
             sources=(table.path,),
             drive_state=tuple(table.texts["drive_state"]) if "drive_state" in table.texts else None,
             repeatability=experiment.noise.repeatability,
+            robot=experiment.robot.name,
         )
 
 
@@ -820,6 +823,7 @@ def _conditions(table: Table, suffix: str, rows: Indices) -> Conditions:
     return Conditions(get(f"time{suffix}"), get(f"temperature{suffix}"), get("approach"))
 
 
+@checked
 def write_readings(path: str | Path, readings: Readings, experiment: Experiment) -> None:
     """Write a file that `read_readings` reads back to the digits that matter (1e-9 relative).
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from qsframework.arguments import checked
 from qsframework.elastostatics import Model, Site, make_model
 from qsframework.elastostatics.so3 import from_quaternion
 from qsframework.elastostatics.state import site_in
@@ -275,6 +276,7 @@ def _effect_to_add(entry: str, model: Model) -> str | None:
     return f"{lacks}. Add to it: effects: [{{effect: {name}{written}}}]"
 
 
+@checked
 def load_experiment(path: str | Path, *, trust: bool | None = None) -> Experiment:
     """Read an experiment.yaml.
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from qsframework.arguments import checked
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError
 from qsframework.estimation.options import Linear
@@ -17,7 +18,7 @@ from qsframework.experiment.plan import Plan
 from qsframework.experiment.readings import UNSTATED, Made, Readings, States, joined
 from qsframework.experiment.setup import Experiment
 from qsframework.experiment.stations import seen_markers, station_of
-from qsframework.option import Seed, checked
+from qsframework.option import Seed, check_choice
 from qsframework.plugin import Array, Conditions, Indices, Poses
 from qsframework.plugin.facts import frozen
 from qsframework.robot.sight import Flags
@@ -36,6 +37,7 @@ class Simulation(Viewed):
         return {name: float(v) for name, v in zip(self.model.names, self.x, strict=True)}
 
 
+@checked
 def simulate(
     experiment: Experiment,
     plan: Plan,
@@ -92,7 +94,7 @@ def planned_readings(experiment: Experiment, plan: Plan, x: Array | None = None,
     bare = plan.of_positions[pose]
     visits = _Visits(experiment=experiment, plan=plan, pose=pose, repeat=repeat, model=model, x=x, linear=linear)
     parts = [make(visits, poses, np.flatnonzero(own)) for make, own in ((_moved, ~bare), (_stood, bare)) if own.any()]
-    return joined(parts)
+    return replace(joined(parts), robot=experiment.robot.name)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -270,7 +272,7 @@ def _stacked(parts: list[Conditions]) -> Conditions:
 
 def _truth(experiment: Experiment, truth: str, rng: np.random.Generator) -> Array:
     """Values (p,) of a truth; drawn: from stated sds, or from the typical size of an error that `fit` asks for."""
-    checked("truth", Truth, truth)
+    check_choice("truth", Truth, truth)
     model = experiment.model()
     if truth == "nominal":
         return model.nominal

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from qsframework.arguments import checked
 from qsframework.diagnose.linearization.candidates import REACH, Cause, find_causes, widened
 from qsframework.diagnose.linearization.columns import Case, Subspace, plan_case
 from qsframework.diagnose.selection.family_test import FamilyBlock, chance
@@ -65,6 +66,7 @@ class _Test:
     readings: int
 
 
+@checked
 def forecast(
     experiment: Experiment,
     plan: Plan | Poses,

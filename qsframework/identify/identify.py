@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from qsframework.arguments import checked
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError, NotConverged, NotIdentifiable, Problem, nearest
 from qsframework.estimation import (
@@ -58,6 +59,7 @@ _FELL = 0.9
 """Share of the noise above which weaker holds change it no more."""
 
 
+@checked
 @on_one_thread
 def identify(
     experiment: Experiment, readings: Readings, fit: Sequence[str] | None = None, options: FitOptions = PLAIN

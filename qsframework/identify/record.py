@@ -12,6 +12,7 @@ from typing import Annotated, Any
 import numpy as np
 import pydantic
 
+from qsframework.arguments import checked
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError, Problem
 from qsframework.estimation import FitOptions, Interval
@@ -214,6 +215,7 @@ class FitRecord(FileRecord):
         return {"format": FORMAT, "parameters": list(self.names), **out, **more}
 
 
+@checked
 def write_fit(fit: FitRecord, path: str | Path) -> Path:
     """Write fit.json, all or nothing.
 
@@ -230,6 +232,7 @@ def write_fit(fit: FitRecord, path: str | Path) -> Path:
     return write_text(path, json.dumps(fit.as_json(), indent=2, sort_keys=True, allow_nan=False) + "\n")
 
 
+@checked
 def read_fit(path: str | Path) -> FitRecord:
     """Read a fit.json.
 

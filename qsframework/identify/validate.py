@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from qsframework.arguments import checked
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
 from qsframework.estimation import FitOptions, rms
@@ -104,6 +105,7 @@ def _json(part: ValidationErrors) -> Mapping[str, Any]:
     }
 
 
+@checked
 def validate(experiment: Experiment, readings: Readings, fit: FitRecord) -> Validation:
     """Errors of a stored fit at other readings, in the frames that it found.
 

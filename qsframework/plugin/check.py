@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from qsframework import units
+from qsframework.arguments import checked
 from qsframework.errors import InputError, PluginError
 from qsframework.plugin import laws
 from qsframework.plugin.facts import Array, Conditions, Context, Poses, RobotFacts, came_from, frozen
@@ -132,6 +133,7 @@ class Trial:
             self.report.record(f"one {label} in both states", np.array_equal(*both, equal_nan=True), said)
 
 
+@checked
 def check_effect(effect: Effect, robot: RobotFacts | None = None, seed: int = 0) -> tuple[str, ...]:
     """Check an effect: names, units, shapes, derivatives by finite differences, no effect at its null value, purity.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from qsframework.arguments import checked
 from qsframework.diagnose.audit_entries import audited_of
 from qsframework.diagnose.extend import Extension, write_extension
 from qsframework.diagnose.result import Diagnosis
@@ -17,6 +18,7 @@ from qsframework.report.words.sizes import mm
 from qsframework.screening import adopted
 
 
+@checked
 def write_extended(
     diagnosis: Diagnosis, folder: str | Path, day: FollowUp | None = None, *, doubtful: bool = False
 ) -> tuple[Path, ...]:

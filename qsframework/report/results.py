@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TypeVar
 
+from qsframework.arguments import checked
 from qsframework.diagnose import Diagnosis
 from qsframework.discriminate import FollowUp
 from qsframework.errors import InputError, Problem
@@ -26,11 +27,11 @@ from qsframework.report.words.plan import plan_verdict
 from qsframework.report.words.validation import validation_verdict
 
 T = TypeVar("T")
-Result = Fit | Plan | Diagnosis | Validation
 
 
+@checked
 def report(
-    result: Result,
+    result: Fit | Plan | Diagnosis | Validation,
     path: str | Path,
     experiment: Experiment | None = None,
     readings: Readings | None = None,

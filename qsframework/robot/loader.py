@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from qsframework.arguments import checked
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.files import Document, read_yaml, validate
 from qsframework.plugin import Array, Effect, Loop, Parameter, RobotFacts
@@ -57,6 +58,7 @@ def as_robot(robot: object, beside: Path | None = None) -> Robot:
     return load_robot(robot, beside)
 
 
+@checked
 def load_robot(name: str | Path, beside: Path | None = None, *, trust: bool | None = None) -> Robot:
     """Load a robot by name or path.
 

@@ -6,6 +6,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
+from qsframework.arguments import checked
 from qsframework.errors import InputError, Problem
 from qsframework.files import write_folder
 from qsframework.plausible import RANGES
@@ -32,6 +33,7 @@ class NewRobot:
     checks: tuple[GravityCheck, ...]
 
 
+@checked
 def new(
     name: str,
     urdf: str | Path | None = None,

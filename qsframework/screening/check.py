@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from qsframework.arguments import checked
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
 from qsframework.experiment import Experiment, Readings, make_rows
 from qsframework.plugin import Indices
@@ -35,6 +36,7 @@ _UNIDENTIFIABLE = (InputError, NotIdentifiable, NotConverged, np.linalg.LinAlgEr
 """Where the readings tell no fit, they prove nothing; `identify` says what they lack."""
 
 
+@checked
 def find_mistakes(
     experiment: Experiment, readings: Readings, gross: bool = True, level: float = LEVEL
 ) -> tuple[Mistake, ...]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from qsframework.arguments import checked
 from qsframework.elastostatics.state import State
 from qsframework.errors import InputError, NotConverged
 from qsframework.experiment import Experiment, Plan
@@ -41,6 +42,7 @@ class Residuals:
     pose: Indices
 
 
+@checked
 def show_scene(
     experiment: Experiment,
     plan: Plan,

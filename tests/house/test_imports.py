@@ -13,6 +13,7 @@ from sources import LIBRARY, PLUGINS, ROOT, complaints, tree
 
 LAYERS = (
     ("errors",),
+    ("arguments",),
     ("units", "option"),
     ("plausible", "terminal", "viewed"),
     ("files",),

@@ -46,6 +46,7 @@ from qsframework.applications.importers.tables import (
 from qsframework.applications.importers.vocabulary import own_columns
 from qsframework.applications.importers.writing import readings_rows, rewritten_rows
 from qsframework.applications.options import ImportOptions
+from qsframework.arguments import checked
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment, Frame, Readings
 from qsframework.experiment.readings_table import displacement_columns, readings_of, state_columns
@@ -86,6 +87,7 @@ class Imported:
     sheets: tuple[Sheet, ...] = ()
 
 
+@checked
 def import_readings(
     experiment: Experiment, files: Sequence[Path], plan: Path | None = None, options: ImportOptions = PLAIN
 ) -> Imported:

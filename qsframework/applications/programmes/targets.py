@@ -178,6 +178,7 @@ def read_programme(
         cartesian=any(p.cartesian for p in points),
         path=path,
         rows=tuple(p.line for p in points),
+        robot=experiment.robot.name,
     )
     return ProgrammeTargets(case=case, points=points, kept=tuple(kept), targets=targets)
 

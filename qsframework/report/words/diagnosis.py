@@ -8,6 +8,7 @@ from enum import Enum
 
 import numpy as np
 
+from qsframework.arguments import checked
 from qsframework.diagnose.result import Alike, Diagnosis, Errors, LearnedLaw, Leftover, Line, NamedCause, Status
 from qsframework.diagnose.selection.cross_validation import FOLDS
 from qsframework.diagnose.verdict import misfits
@@ -54,6 +55,7 @@ class Statement:
         return f"{self.about}: {self.text}" if self.about else self.text
 
 
+@checked
 def diagnosis_words(found: Diagnosis, day: FollowUp | None = None) -> str:
     """The verdict, what it rests on and what to measure next, as text.
 

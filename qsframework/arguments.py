@@ -1,0 +1,199 @@
+"""Arguments of verbs and options: each is what its annotation says, or an error says which one, what it is and how to
+get what is wanted."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import numbers
+import os
+import re
+import sys
+from collections.abc import Callable, Collection, Iterable, Mapping
+from pathlib import Path
+from typing import Annotated, Any, ParamSpec, TypeVar, get_args, get_origin
+
+import numpy as np
+
+from qsframework.errors import InputError, Problem
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+_NOT = object()
+"""What a value is where it is nothing of the kind."""
+_PLAIN: dict[str, tuple[type, ...]] = {
+    "None": (type(None),),
+    "bool": (bool, np.bool_),
+    "int": (numbers.Integral,),
+    "float": (numbers.Real,),
+    "str": (str,),
+    "Path": (os.PathLike, str),
+}
+_ARRAYS, _CALLED, _ANY = ("Array", "ArrayLike"), ("Tell", "Progress"), ("Any", "object")
+_WORDS = {
+    "Array": "an array of numbers",
+    "ArrayLike": "an array of numbers",
+    "int": "a whole number",
+    "float": "a number",
+}
+_WORDS |= {"str": "a text", "Path": "a path", "bool": "True or False"}
+_HOW = {
+    "Experiment": "Read it with load_experiment(path)",
+    "Readings": "Read them with read_readings(path, experiment)",
+    "Plan": "Make it with design(experiment, poses), or read it with read_plan(path, experiment)",
+    "FitRecord": "Read it with read_fit(path), or make it with identify(experiment, readings)",
+    "Fit": "Make it with identify(experiment, readings)",
+    "Targets": "Read them with read_targets(path, experiment), or make them with joint_targets(experiment, ...)",
+    "Robot": "Load it with load_robot(name)",
+    "Task": "Read it with load_task(path)",
+    "Diagnosis": "Make it with diagnose(experiment, readings)",
+    "FollowUp": "Make it with follow_up(diagnosis)",
+    "Programme": "Make it with make_programme(experiment, plan)",
+}
+_OF_ROBOTS = ("Plan", "Readings", "Targets")
+
+
+def checked(verb: Callable[P, T]) -> Callable[P, T]:
+    """The verb, whose arguments are checked against their annotations first: one item is taken as a sequence of one, a
+    list of numbers as an array. InputError with all that are something else, or of another robot than the experiment.
+    """
+    signature = inspect.signature(verb)
+
+    @functools.wraps(verb)
+    def run(*args: P.args, **kwargs: P.kwargs) -> T:
+        given = signature.bind(*args, **kwargs)
+        given.arguments.update(_taken(given.arguments, _plain(verb, verb.__annotations__)))
+        _check_robots(given.arguments)
+        return verb(*given.args, **given.kwargs)
+
+    return run
+
+
+def check_options(options: object) -> None:
+    """Check the values of a dataclass of options against their annotations, as `checked` does those of a verb."""
+    annotations: dict[str, str] = {k: v for c in reversed(type(options).__mro__) for k, v in _own(c).items()}
+    for name, value in _taken(vars(options), annotations).items():
+        object.__setattr__(options, name, value)
+
+
+def _own(kind: type) -> dict[str, str]:
+    return _plain(kind, vars(kind).get("__annotations__", {}))
+
+
+def _plain(declared: Any, annotations: Mapping[str, str]) -> dict[str, str]:
+    """Annotations without what they say of options: an alias of an annotated type stands for the type."""
+    names = vars(sys.modules[declared.__module__])
+    return {name: _type_in(text, names) for name, text in annotations.items()}
+
+
+def _type_in(text: str, names: Mapping[str, Any]) -> str:
+    if text.startswith("Annotated["):
+        return _parts(text.removeprefix("Annotated["), ", ")[0]
+    if get_origin(alias := names.get(text)) is Annotated:
+        told = get_args(alias)[0]
+        return re.sub(r"\w+\.", "", told.__name__ if isinstance(told, type) else str(told))
+    return text
+
+
+def _taken(given: Mapping[str, Any], annotations: Mapping[str, str]) -> dict[str, Any]:
+    values = {name: _as(value, annotations.get(name, "Any")) for name, value in given.items()}
+    wrong = [name for name, value in values.items() if value is _NOT]
+    if wrong:
+        raise InputError([_problem(name, given[name], annotations[name]) for name in wrong])
+    return values
+
+
+def _as(value: Any, annotation: str) -> Any:
+    """The value as the first kind of the annotation that it is, else `_NOT`."""
+    kinds = _parts(annotation, " | ")
+    return next((v for kind in kinds if (v := _as_kind(value, kind)) is not _NOT), _NOT)
+
+
+def _as_kind(value: Any, kind: str) -> Any:
+    name, _, inner = kind.partition("[")
+    if inner:
+        return _as_many(value, name, inner.removesuffix("]"))
+    if kind in _PLAIN:
+        fits = _is(value, *_PLAIN[kind]) and (kind == "bool" or not _is(value, bool))
+        return (Path(value) if kind == "Path" else value) if fits else _NOT
+    if kind in _ARRAYS:
+        array = _numbers(value)
+        return _NOT if array is None else array if kind == "Array" else value
+    fits = kind in _ANY or (callable(value) if kind in _CALLED else kind in _names(value))
+    return value if fits else _NOT
+
+
+def _as_many(value: Any, name: str, inner: str) -> Any:
+    """A collection as it is where all its items are of the inner kind, converted; one item as a tuple of one."""
+    if name in ("Mapping", "dict"):
+        return value if _is(value, Mapping) else _NOT
+    kind, *more = _parts(inner, ", ")
+    if more and more != ["..."]:
+        return value if _is(value, Collection) and len(value) == 1 + len(more) else _NOT
+    if _is(value, str, Mapping) or not _is(value, Collection):
+        one = _as(value, kind)
+        return _NOT if one is _NOT else (one,)
+    items = [_as(item, kind) for item in value]
+    if any(item is _NOT for item in items):
+        return _NOT
+    return tuple(items) if name in ("tuple", "Sequence") else value
+
+
+def _is(value: Any, *kinds: type) -> bool:
+    return isinstance(value, kinds)
+
+
+def _parts(text: str, between: str) -> list[str]:
+    """A text cut at a sign, not within brackets."""
+    out: list[str] = []
+    for piece in text.split(between):
+        if out and out[-1].count("[") > out[-1].count("]"):
+            out[-1] += between + piece
+        else:
+            out.append(piece)
+    return out
+
+
+def _numbers(value: Any) -> Any:
+    """An array of float64, None where it is none; an array that is one as it is."""
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        return None
+    return None if value is None or isinstance(value, str) else array
+
+
+def _names(value: object) -> tuple[str, ...]:
+    return tuple(c.__name__ for c in type(value).__mro__)
+
+
+def _problem(name: str, value: Any, annotation: str) -> Problem:
+    plain = _is(value, str, int, float, os.PathLike, np.generic)
+    found = f"{repr(value)[:60]} ({type(value).__name__})" if plain else type(value).__name__
+    found = "None" if value is None else found
+    kinds = [kind for kind in _parts(annotation, " | ") if kind != "None"]
+    hints = list(dict.fromkeys(_HOW[kind] for kind in kinds if kind in _HOW))
+    allowed, hint = _either(map(_worded, kinds)), f"{hints[0]}." if hints else None
+    return Problem(f"{name}: found {found}", allowed=allowed, hint=hint)
+
+
+def _worded(kind: str) -> str:
+    name, _, inner = kind.partition("[")
+    if inner and name not in ("Mapping", "dict"):
+        return f"a sequence of {_either(_worded(k) for k in _parts(_parts(inner.removesuffix(']'), ', ')[0], ' | '))}"
+    return "a mapping" if inner else _WORDS.get(kind, kind)
+
+
+def _either(words: Iterable[str]) -> str:
+    return " or ".join(dict.fromkeys(words))
+
+
+def _check_robots(given: Mapping[str, Any]) -> None:
+    experiment = given.get("experiment")
+    own = experiment.robot.name if experiment is not None else ""
+    for name, value in given.items():
+        of = getattr(value, "robot", "") if set(_OF_ROBOTS) & set(_names(value)) else ""
+        if own and of and of != own:
+            hint = "Give the experiment of that robot, or read or make them with this one."
+            raise InputError(Problem(f"{name}: of another robot", found=of, allowed=own, hint=hint))
