@@ -68,8 +68,9 @@ def run_identify(files: FitFiles, fit: list[str] | None, options: FitOptions, cl
         from qsframework.report.results import report
 
         print(f"report: {report(result, files.report, experiment, readings, files=inputs, before=other)}")
-    kept = "" if files.json is not None else "keep the fit with --json fit.json, then "
-    print(f"next: {kept}{' '.join(['qsf diagnose', *map(str, (files.experiment, *files.data))])}")
+    if files.json is None:
+        print_folded("The fit is not kept: --json fit.json writes it.")
+    print(f"next: {' '.join(['qsf diagnose', *map(str, (files.experiment, *files.data))])}")
 
 
 def _asked(experiment: Experiment, fit: list[str] | None) -> Experiment:

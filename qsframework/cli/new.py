@@ -65,7 +65,8 @@ def run_new(name: str, urdf: Path | None, dh: Path | None, folder: Path | None, 
         print_line("", note)
     if failed:
         raise InputError([Problem(words, file=str(made.folder)) for words in failed])
+    print(f"next: qsf check {made.folder} --conformance")
     print_folded(
-        f"next: qsf check {made.folder} --conformance tries it with a small campaign; qsf show {made.folder} draws it; "
-        f"an experiment.yaml with `robot: {made.folder}`, markers, noise and fit is next: qsf check experiment.yaml"
+        f"That tries it with a small campaign; qsf show {made.folder} draws it. Then write an experiment.yaml with "
+        f"`robot: {made.folder}`, markers, noise and fit: qsf check experiment.yaml"
     )

@@ -50,9 +50,9 @@ def find(name: str) -> type[Effect]:
     """The effect of a name; an InputError offers the nearest."""
     effects = registry()
     if name not in effects:
-        raise InputError(
-            Problem(f"unknown effect {name!r}", allowed=", ".join(effects), hint=suggestion(name, effects))
-        )
+        near = suggestion(name, effects)
+        words = f"unknown effect {name!r}" + (f" ({near})" if near else "")
+        raise InputError(Problem(words, allowed=", ".join(effects)))
     return effects[name]
 
 
