@@ -37,7 +37,7 @@ _WORDS = {
     "int": "a whole number",
     "float": "a number",
 }
-_WORDS |= {"str": "a text", "Path": "a path", "bool": "True or False"}
+_WORDS |= {"Tell": "a function", "Progress": "a function", "str": "a text", "Path": "a path", "bool": "True or False"}
 _HOW = {
     "Experiment": "Read it with load_experiment(path)",
     "Readings": "Read them with read_readings(path, experiment)",
@@ -51,6 +51,10 @@ _HOW = {
     "FollowUp": "Make it with follow_up(diagnosis)",
     "Programme": "Make it with make_programme(experiment, plan)",
 }
+_LEAST = {"poses": 1, "candidates": 1, "count": 1, "repeats": 1, "samples": 1, "cycles": 1, "seed": 0, "largest": 0}
+"""What a whole number is at least, whichever verb it is given to."""
+_SHARES = {"level": 0.5, "power": 1.0, "share": 1.0}
+"""What a probability or a share is below; all are above 0."""
 _OF_ROBOTS = ("Plan", "Readings", "Targets")
 
 
@@ -101,7 +105,19 @@ def _taken(given: Mapping[str, Any], annotations: Mapping[str, str]) -> dict[str
     wrong = [name for name, value in values.items() if value is _NOT]
     if wrong:
         raise InputError([_problem(name, given[name], annotations[name]) for name in wrong])
+    beyond = {name: words for name, value in values.items() if (words := _beyond(name, value))}
+    if beyond:
+        raise InputError([Problem(f"{name} must be {words}, found {values[name]:g}") for name, words in beyond.items()])
     return values
+
+
+def _beyond(name: str, value: Any) -> str:
+    """What is allowed, of a number that is not; "" of all else."""
+    if name in _LEAST and _is(value, int) and not _is(value, bool) and value < _LEAST[name]:
+        return f"{_LEAST[name]} or more"
+    if name in _SHARES and _is(value, float, int) and not 0.0 < value < _SHARES[name]:
+        return f"between 0 and {_SHARES[name]:g}"
+    return ""
 
 
 def _as(value: Any, annotation: str) -> Any:
@@ -156,12 +172,12 @@ def _parts(text: str, between: str) -> list[str]:
 
 
 def _numbers(value: Any) -> Any:
-    """An array of float64, None where it is none; an array that is one as it is."""
+    """An array of float64, one that is one as it is; None where it is none, or a single number."""
     try:
         array = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):
         return None
-    return None if value is None or isinstance(value, str) else array
+    return array if array.ndim else None
 
 
 def _names(value: object) -> tuple[str, ...]:
@@ -193,7 +209,9 @@ def _check_robots(given: Mapping[str, Any]) -> None:
     experiment = given.get("experiment")
     own = experiment.robot.name if experiment is not None else ""
     for name, value in given.items():
-        of = getattr(value, "robot", "") if set(_OF_ROBOTS) & set(_names(value)) else ""
-        if own and of and of != own:
+        several = value if _is(value, tuple) else (value,)
+        found = {getattr(one, "robot", "") for one in several if set(_OF_ROBOTS) & set(_names(one))}
+        of = "".join(sorted(found - {"", own})[:1])
+        if own and of:
             hint = "Give the experiment of that robot, or read or make them with this one."
             raise InputError(Problem(f"{name}: of another robot", found=of, allowed=own, hint=hint))

@@ -121,6 +121,8 @@ def make_programme(
             or no free path was found between two poses; each names the poses.
     """
     _check_numbers(speed, pause)
+    if home is not None and home.shape != (axes := (experiment.robot.controller.axes,)):
+        raise InputError(Problem("home: of another shape", found=f"{home.shape}", allowed=f"{axes}, rad or m"))
     pause = None if pause is None else round(pause, 2)  # controllers are told hundredths
     check_plan(experiment, plan, file)
     around = Surroundings(experiment)

@@ -30,7 +30,7 @@ from qsframework.design.problem import (
 from qsframework.design.relaxed import SOLVER
 from qsframework.design.task import white_basis
 from qsframework.elastostatics import Site
-from qsframework.errors import InputError, NotIdentifiable, Problem
+from qsframework.errors import InputError, NotIdentifiable
 from qsframework.experiment import Experiment, Plan, PlanCertificate, Readings, make_plan
 from qsframework.experiment.observations import start_values
 from qsframework.information.rows import as_rows, gathered_information
@@ -91,8 +91,6 @@ def design(
         NotCertified: where the certificate misses the required efficiency.
     """
     options = options or DesignOptions(criterion=criterion, repeats=repeats)
-    if poses < 1:
-        raise InputError(Problem("poses", found=str(poses), allowed="1 or more"))
     tell: Progress = progress or (lambda step, done, total: None)
     if isinstance(candidates, int):
         told = partial(tell, "candidate poses")

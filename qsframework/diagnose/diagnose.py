@@ -188,8 +188,6 @@ def diagnose(
         NotIdentifiable: where the baseline itself is not identifiable.
         NotConverged: where its fit does not converge.
     """
-    if not 0.0 < level < 0.5:
-        raise InputError(f"level must be between 0 and 0.5, found {level:g}")
     tell, one_pose = _teller(progress), _one_pose(experiment, readings)
     tell("conventions")
     conventions = find_mistakes(experiment, readings, gross=False)

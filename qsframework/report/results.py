@@ -27,6 +27,7 @@ from qsframework.report.words.plan import plan_verdict
 from qsframework.report.words.validation import validation_verdict
 
 T = TypeVar("T")
+_KINDS = (".html", ".pdf")
 
 
 @checked
@@ -57,6 +58,8 @@ def report(
     Raises:
         InputError: where one of them is missing.
     """
+    if Path(path).suffix.lower() not in _KINDS:
+        raise InputError(Problem(f"path: found {str(path)!r}", allowed=f"a file that ends in {' or '.join(_KINDS)}"))
     if isinstance(result, Diagnosis):
         title, verdict = f"Diagnosis: {result.experiment.robot.title}", diagnosis_verdict(result)
         return write_report(path, title, diagnosis_sections(result, list(files), day), verdict)

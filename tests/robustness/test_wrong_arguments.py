@@ -58,7 +58,19 @@ WRONG: dict[str, tuple[Callable[[Any, Plan, Readings], object], str]] = {
         lambda ex, plan, r: qsf.design(ex, poses="12"),  # pyright: ignore[reportArgumentType]
         "poses: found '12' (str); allowed: a whole number",
     ),
-    "too few poses": (lambda ex, plan, r: qsf.design(ex, poses=-3), "poses; found -3; allowed: 1 or more"),
+    "too few poses": (lambda ex, plan, r: qsf.design(ex, poses=-3), "poses must be 1 or more, found -3"),
+    "no candidates": (
+        lambda ex, plan, r: qsf.design(ex, poses=3, candidates=0),
+        "candidates must be 1 or more, found 0",
+    ),
+    "a level that is none": (
+        lambda ex, plan, r: qsf.find_mistakes(ex, r, level=5.0),
+        "level must be between 0 and 0.5, found 5",
+    ),
+    "home of three joints": (
+        lambda ex, plan, r: qsf.make_programme(ex, plan, home=np.zeros(3)),
+        "home: of another shape; found (3,); allowed: (6,)",
+    ),
     "not numbers": (
         lambda ex, plan, r: qsf.simulate(ex, plan, x="nominal"),  # pyright: ignore[reportArgumentType]
         "x: found 'nominal' (str); allowed: an array of numbers",
@@ -105,6 +117,7 @@ def test_plans_and_readings_of_another_robot_are_refused(given: dict[str, Any]) 
         lambda other: qsf.identify(other, given["readings"]),
         lambda other: qsf.simulate(other, given["plan"]),
         lambda other: qsf.make_programme(other, given["plan"]),
+        lambda other: qsf.design(other, 3, taken=[given["readings"]]),
     )
     for ask in asked:
         with pytest.raises(qsf.InputError, match="of another robot; found fanuc_m900ib; allowed: kuka_kr270"):
