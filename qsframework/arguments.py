@@ -13,8 +13,6 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, ParamSpec, TypeVar, get_args, get_origin
 
-import numpy as np
-
 from qsframework.errors import InputError, Problem
 
 P = ParamSpec("P")
@@ -24,7 +22,7 @@ _NOT = object()
 """What a value is where it is nothing of the kind."""
 _PLAIN: dict[str, tuple[type, ...]] = {
     "None": (type(None),),
-    "bool": (bool, np.bool_),
+    "bool": (bool,),
     "int": (numbers.Integral,),
     "float": (numbers.Real,),
     "str": (str,),
@@ -77,7 +75,7 @@ def checked(verb: Callable[P, T]) -> Callable[P, T]:
 def check_options(options: object) -> None:
     """Check the values of a dataclass of options against their annotations, as `checked` does those of a verb."""
     annotations: dict[str, str] = {k: v for c in reversed(type(options).__mro__) for k, v in _own(c).items()}
-    for name, value in _taken(vars(options), annotations).items():
+    for name, value in _converted(vars(options), annotations).items():
         object.__setattr__(options, name, value)
 
 
@@ -101,13 +99,18 @@ def _type_in(text: str, names: Mapping[str, Any]) -> str:
 
 
 def _taken(given: Mapping[str, Any], annotations: Mapping[str, str]) -> dict[str, Any]:
+    values = _converted(given, annotations)
+    beyond = {name: words for name, value in values.items() if (words := _beyond(name, value))}
+    if beyond:
+        raise InputError([Problem(f"{name} must be {words}, found {values[name]:g}") for name, words in beyond.items()])
+    return values
+
+
+def _converted(given: Mapping[str, Any], annotations: Mapping[str, str]) -> dict[str, Any]:
     values = {name: _as(value, annotations.get(name, "Any")) for name, value in given.items()}
     wrong = [name for name, value in values.items() if value is _NOT]
     if wrong:
         raise InputError([_problem(name, given[name], annotations[name]) for name in wrong])
-    beyond = {name: words for name, value in values.items() if (words := _beyond(name, value))}
-    if beyond:
-        raise InputError([Problem(f"{name} must be {words}, found {values[name]:g}") for name, words in beyond.items()])
     return values
 
 
@@ -131,7 +134,8 @@ def _as_kind(value: Any, kind: str) -> Any:
     if inner:
         return _as_many(value, name, inner.removesuffix("]"))
     if kind in _PLAIN:
-        fits = _is(value, *_PLAIN[kind]) and (kind == "bool" or not _is(value, bool))
+        truth = _is(value, bool) or "bool_" in _names(value)
+        fits = truth if kind == "bool" else _is(value, *_PLAIN[kind]) and not truth
         return (Path(value) if kind == "Path" else value) if fits else _NOT
     if kind in _ARRAYS:
         array = _numbers(value)
@@ -173,6 +177,8 @@ def _parts(text: str, between: str) -> list[str]:
 
 def _numbers(value: Any) -> Any:
     """An array of float64, one that is one as it is; None where it is none, or a single number."""
+    import numpy as np  # not before it is needed
+
     try:
         array = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):
@@ -185,7 +191,7 @@ def _names(value: object) -> tuple[str, ...]:
 
 
 def _problem(name: str, value: Any, annotation: str) -> Problem:
-    plain = _is(value, str, int, float, os.PathLike, np.generic)
+    plain = _is(value, str, numbers.Number, os.PathLike)
     found = f"{repr(value)[:60]} ({type(value).__name__})" if plain else type(value).__name__
     found = "None" if value is None else found
     kinds = [kind for kind in _parts(annotation, " | ") if kind != "None"]

@@ -422,7 +422,7 @@ def _run(given: Linearized) -> list[Mistake]:
     if found is None:
         return []
     changed = readings.with_values(found.value).masked(np.isin(np.arange(len(readings)), found.lost))
-    words = f"{lines(readings, found.rows)}: {found.words}"
+    words = f"{lines(readings, found.rows)}: {found.what}"
     change = ConventionChange(found.name, 1.0, words, given.experiment, readings=changed)
     judged = _judge(change, given, _one(change, given), len(readings) ** 2, found.rows)
     return [judged] if judged is not None and judged.compelling else []

@@ -39,11 +39,11 @@ _SAYS = 49.0
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """Rows (k,) of the readings whose values are others, and the values (R, 3) of all with them. name, words: as a
-    convention has them; lost: rows whose own value stands nowhere."""
+    """Rows (k,) of the readings whose values are others, and the values (R, 3) of all with them. name: as a
+    convention has it; what: they hold; lost: rows whose own value stands nowhere."""
 
     name: str
-    words: str
+    what: str
     rows: Indices
     value: Array
     lost: Indices
@@ -68,8 +68,8 @@ def run_of_rows(fit: Linearized) -> Run | None:
         near_by = [(start + k, end) for k in range(late + 1)] + [(start, end - k) for k in range(1, early + 1)]
         square, run = min((_judged(fit, other, d, Q, y, *ends) for ends in near_by), key=lambda x: x[0])
         found.append((square > near, other.smaller, square, run))
-    best = min(found, key=lambda x: x[:3])
-    return best[3] if best[2] < _LEFT * _square(Q, y) else None
+    best = min(found, key=lambda x: x[:3], default=None)
+    return best[3] if best is not None and best[2] < _LEFT * _square(Q, y) else None
 
 
 def _judged(fit: Linearized, other: _Other, d: Array, Q: Array, y: Array, start: int, end: int) -> tuple[float, Run]:
@@ -83,7 +83,7 @@ def _judged(fit: Linearized, other: _Other, d: Array, Q: Array, y: Array, start:
     nothing = _square(own, (y - np.where(here, fit.rows.scalars / fit.rows.flat(fit.rows.sigma), 0.0))[kept])
     value = np.array(fit.readings.value)
     value[fit.keep[rows]] = other.value[rows]
-    run = Run(other.name, other.words, fit.keep[rows], value, fit.keep[lost])
+    run = Run(other.name, other.what, fit.keep[rows], value, fit.keep[lost])
     return (square if len(rows) and nothing - square > _SAYS else np.inf), run
 
 
@@ -96,7 +96,7 @@ class _Other:
     """What the values (R, 3) may have been; step: by how many rows they slipped; smaller: whether they get smaller."""
 
     name: str
-    words: str
+    what: str
     value: Array
     step: int = 0
     smaller: bool = False

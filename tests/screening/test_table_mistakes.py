@@ -224,8 +224,8 @@ def test_what_stands_still_and_moves_is_no_other_unit(first: int, tmp_path: Path
     metres = readings.value.copy()
     metres[[int(p[1:]) > first for p in readings.pose]] *= 1e3
     named = found(experiment, readings.with_values(metres))
-    assert [m.name.partition("[")[0] for m in named] == ["block" if first == 16 else "value"]
-    assert (first == 23) != ("factor of 0.001" in named[0].words)
+    assert [m.name.partition("[")[0] for m in named] == ["rows_unit" if first == 16 else "value"]
+    assert (first == 23) != ("in um where the others are in mm" in named[0].words)
 
 
 def test_a_run_under_another_load_of_the_experiment_is_named_with_it(tmp_path: Path) -> None:
