@@ -139,7 +139,7 @@ class Account(FileRecord):
 
     def shares(self, marks: Sequence[str]) -> bool:
         """Whether more than a few readings are the same, by the marks of other ones."""
-        last = self.marks[-1] if len(self.marks) == _MARKS else "g"
+        last = self.marks[-1] if len(self.marks) == _MARKS else "s"
         told = [mark for mark in marks if mark <= last]
         return len(set(self.marks).intersection(told)) > _KNOWN * len(told)
 
@@ -150,7 +150,7 @@ def _marks(readings: Readings, rows: Indices) -> tuple[str, ...]:
     parts = poses.pendant[at], poses.wrench[at] * readings.states.loaded[at, None], readings.value[rows]
     whole = [np.round(np.nan_to_num(part, nan=-1e3) / step) for part, step in zip(parts, _STEPS, strict=True)]
     cells = np.ascontiguousarray(np.concatenate(whole, axis=1).astype(np.int64))
-    return tuple(sorted({hashlib.blake2b(row.tobytes(), digest_size=8).hexdigest() for row in cells}))
+    return tuple(sorted({f"r{hashlib.blake2b(row.tobytes(), digest_size=8).hexdigest()}" for row in cells}))
 
 
 def some_of(names: Sequence[str]) -> str:

@@ -34,7 +34,8 @@ _NORMAL = (
     (re.compile(r"\b\d\d:\d\d:\d\d\b"), "<time>"),
     (re.compile(r"\bqsframework \d+\.\d+[\w.]*"), "qsframework <version>"),
     (re.compile(r"\b1[5-9]\d{8}\.\d+\b"), "<time>"),  # seconds since 1970
-    (re.compile(r"\b[0-9a-f]{16}\b"), "<hash>"),
+    (re.compile(r"\bimported: [0-9a-f]{16}\b"), "imported: <hash>"),
+    (re.compile(r"\br[0-9a-f]{16}\b"), "<hash>"),  # of a reading
     (re.compile(r"\bcalib_[0-9a-f]{20}\b"), "calib_<hash>"),
     (re.compile(r"^[0-9a-f]{8} (?=\{)", re.MULTILINE), "<seal> "),
 )
