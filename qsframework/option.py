@@ -56,6 +56,8 @@ class Option:
 
     def _allows(self, value: float) -> bool:
         low, high = (None if v is None else v * self.scale for v in (self.least, self.most))
+        if low is None and high is None:
+            return True
         return value == value and (low is None or value >= low) and (high is None or value <= high)
 
     def _bounds(self) -> str:

@@ -11,7 +11,6 @@ from qsframework.cli.progress import Tell, progress
 from qsframework.diagnose import STEPS, DiagnoseOptions, Diagnosis, diagnose
 from qsframework.diagnose.extend import check_folder
 from qsframework.discriminate import FollowUp, follow_up
-from qsframework.discriminate.follow_up import COUNT
 from qsframework.discriminate.mounts import mounts_of
 from qsframework.errors import InputError
 from qsframework.experiment import load_experiment, read_readings
@@ -55,7 +54,7 @@ def _second_day(found: Diagnosis, options: DiagnoseOptions, tell: Tell) -> tuple
     if not options.follow_up and not found.open:
         return None, None
     try:
-        count = options.follow_up or COUNT
+        count = options.follow_up or options.count
         return follow_up(found, count, without=options.without, seed=options.seed, progress=tell), None
     except InputError as error:
         return None, error

@@ -91,6 +91,8 @@ def design(
         NotCertified: where the certificate misses the required efficiency.
     """
     options = options or DesignOptions(criterion=criterion, repeats=repeats)
+    if poses < 1 and options.budget is None:
+        raise InputError(Problem("poses", found=str(poses), allowed="1 or more"))
     tell: Progress = progress or (lambda step, done, total: None)
     if isinstance(candidates, int):
         told = partial(tell, "candidate poses")

@@ -32,4 +32,5 @@ class DiagnoseOptions(Options):
         tuple[str, ...],
         Option("A link that nobody can mount a reflector on (world: the floor; gauges: no dial gauge).", form="LINK"),
     ] = ()
+    count: Annotated[int, Option("Visits that are judged where something is open.", least=1, most=1000)] = 8
     seed: Seed = 0

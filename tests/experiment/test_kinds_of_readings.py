@@ -432,7 +432,7 @@ def test_an_unknown_way_to_read_states(tmp_path: Path) -> None:
     refused(
         placed(of, tmp_path),
         of,
-        "states: 'position'",
+        "unknown states 'position'",
         "differences, positions",
         "Did you mean 'positions'?",
         states="position",

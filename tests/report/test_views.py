@@ -135,10 +135,10 @@ def test_an_input_shows_itself(kind: str, inputs: Mapping[str, object], monkeypa
     ("arguments", "words"),
     [
         (("no_such_robot", [0.0] * 6, [0.0] * 6), "no_such_robot"),
-        ((42, [0.0] * 6, [0.0] * 6), "a robot is needed"),
+        ((42, [0.0] * 6, [0.0] * 6), "robot: found 42 .*load_robot"),
         (("fanuc_m900ib", [0.0] * 5, [0.0] * 6), "pendant must be 6 numbers"),
-        (("fanuc_m900ib", "0,0,0", [0.0] * 6), "pendant must be 6 numbers"),
-        (("fanuc_m900ib", [0.0] * 6, 4000.0), "wrench must be 6 numbers"),
+        (("fanuc_m900ib", "0,0,0", [0.0] * 6), "pendant: found '0,0,0' .*an array of numbers"),
+        (("fanuc_m900ib", [0.0] * 6, 4000.0), "wrench: found 4000.0 .*an array of numbers"),
     ],
 )
 def test_wrong_arguments_answer_in_words(arguments: tuple[Any, ...], words: str) -> None:
