@@ -49,7 +49,7 @@ _HOW = {
     "FollowUp": "Make it with follow_up(diagnosis)",
     "Programme": "Make it with make_programme(experiment, plan)",
 }
-_LEAST = {"poses": 0, "candidates": 1, "count": 1, "repeats": 1, "samples": 1, "cycles": 1, "seed": 0, "largest": 0}
+_LEAST = {"candidates": 1, "count": 1, "repeats": 1, "samples": 1, "cycles": 1, "seed": 0, "largest": 0}
 """What a whole number is at least, whichever verb it is given to."""
 _SHARES = {"level": 0.5, "power": 1.0, "share": 1.0}
 """What a probability or a share is below; all are above 0."""

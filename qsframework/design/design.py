@@ -92,7 +92,7 @@ def design(
     """
     options = options or DesignOptions(criterion=criterion, repeats=repeats)
     if poses < 1 and options.budget is None:
-        raise InputError(Problem("poses", found=str(poses), allowed="1 or more"))
+        raise InputError(f"poses must be 1 or more, found {poses}")
     tell: Progress = progress or (lambda step, done, total: None)
     if isinstance(candidates, int):
         told = partial(tell, "candidate poses")
