@@ -117,12 +117,9 @@ def _readings(data: Sequence[Path], experiment: Experiment, fit: FitRecord) -> t
     if not data:
         return None, "No residual vectors: the experiment names no readings; name a file of them too."
     readings = read_readings(data, experiment.with_(fit=fit.model_names(experiment) or None))
-    other = (
-        ""
-        if fit.account.has_used(readings)
-        else f"The fit is not of the readings in {readings.where}, which are shown."
-    )
-    return readings, other or None
+    if fit.account.has_used(readings):
+        return readings, None
+    return readings, f"The fit is not of the readings in {readings.where}, which are shown."
 
 
 def _experiment(shown: Shown) -> Experiment:

@@ -40,7 +40,7 @@ from qsframework.screening.logging_faults import exchanges, late_angles
 from qsframework.screening.marker_constant import marker_constant
 from qsframework.screening.mistake import Mistake, Moved
 from qsframework.screening.rows import among, lines
-from qsframework.screening.runs import run_of_rows
+from qsframework.screening.runs import MOST_OF_IT, NEAR_NOISE, run_of_rows
 from qsframework.screening.standing_out import Standing, agreement, stand_out
 from qsframework.screening.table_mistakes import Mend, table_mistakes
 
@@ -52,9 +52,6 @@ LOCAL = 0.25
 """The same for the rows that a change touches: physics at some poses is not undone by exchanging their readings."""
 _MANY = 0.08
 """Of the visits: where more stand out, it may be a change of all rows that they are too many to be set aside from."""
-_NEAR_NOISE, _MOST_OF_IT = 16.0, 0.05
-"""Times a stated variance that is left at most where a change is right, or share of what is left as given: a change
-that merely fits better stands for something else."""
 _AS_STATED = 0.5
 """Of the stated variance: below it the noise is not as stated, and says nothing of what is left to gain."""
 _UNIT = 0.25
@@ -338,7 +335,7 @@ def _right_unit(change: ConventionChange, given: Linearized, fit: Linearized) ->
 def _near_noise(fit: Linearized, given: Linearized) -> bool:
     """Whether a fit is near the stated noise, or leaves hardly anything of what was left as given."""
     chi2 = fit.estimates.chi2
-    return chi2 < _NEAR_NOISE * fit.estimates.dof or chi2 < _MOST_OF_IT * given.estimates.chi2
+    return chi2 < NEAR_NOISE * fit.estimates.dof or chi2 < MOST_OF_IT * given.estimates.chi2
 
 
 def _local(given: Linearized, fit: Linearized, rows: Indices) -> float:

@@ -34,7 +34,7 @@ VALUES = (
 """Factors of the number in the file that may make the one that was meant, each with its slip."""
 _LOADS = 40
 """Loads of a file that are tried in the place of one, the most frequent first."""
-_SAYS = 49.0
+SAYS = 49.0
 """By how much smaller readings must fit better than none at all, in squares of the noise: s = 7."""
 _SAME = 1e-9
 """m: readings that differ by less are copies."""
@@ -293,7 +293,7 @@ def vanishes(standing: Standing, edit: Edit, misfit: float) -> bool:
     if not smaller.any():
         return False
     nothing = replace(edit, value=np.where(smaller, 0.0, edit.value))
-    return float(misfits(standing, [nothing])[0]) - misfit < _SAYS
+    return float(misfits(standing, [nothing])[0]) - misfit < SAYS
 
 
 def residuals(standing: Standing, edits: Sequence[Edit]) -> list[Array]:

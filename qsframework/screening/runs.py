@@ -14,7 +14,7 @@ import numpy as np
 
 from qsframework.estimation import orthonormal
 from qsframework.plugin import Array, Indices
-from qsframework.screening.edits import INCH
+from qsframework.screening.edits import INCH, SAYS
 from qsframework.screening.linearized import Linearized
 
 _UNITS = (
@@ -27,18 +27,16 @@ _LEAST = 3
 """Poses' worth of rows of a run: of fewer poses other changes say more."""
 _MOST = 500
 """Rows up to which all runs are looked at; of more, those that end with the table or begin with it."""
-_LEFT = 0.05
-"""Share of the sum of squares that may be left at most."""
-_NEAR = 16.0
+MOST_OF_IT = 0.05
+"""Share of what is left as given that a right answer leaves at most: one that merely fits better stands for another."""
+NEAR_NOISE = 16.0
 """Times the stated variance that a right answer leaves at most."""
 _MARKERS = 4
 """Markers of which all orders are tried."""
-_SAYS = 49.0
-"""By how much the rows must fit better than if nothing had been read there, in squares of the noise: s = 7."""
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class RowRun:
     """Rows (k,) of the readings whose values are others, and the values (R, 3) of all with them. name: as a
     convention has it; what: they hold; lost: rows whose own value stands nowhere."""
 
@@ -49,15 +47,15 @@ class Run:
     lost: Indices
 
 
-def run_of_rows(fit: Linearized) -> Run | None:
+def run_of_rows(fit: Linearized) -> RowRun | None:
     """The run of rows with other values with which next to nothing is left; None without one.
 
     What makes readings smaller makes all misfits smaller: it is believed where nothing else comes near the noise.
     """
     sigma = fit.rows.flat(fit.rows.sigma)
     Q, y = orthonormal(fit.slopes / sigma[:, None]), fit.errors / sigma
-    near = _NEAR * (len(y) - Q.shape[1]) if fit.stated else 0.0
-    found: list[tuple[bool, bool, float, Run]] = []
+    near = NEAR_NOISE * (len(y) - Q.shape[1]) if fit.stated else 0.0
+    found: list[tuple[bool, bool, float, RowRun]] = []
     visit = np.unique(np.stack([fit.rows.plus, fit.rows.minus], axis=1), axis=0, return_inverse=True)[1].ravel()
     each = int(np.median(np.bincount(visit)))
     for other in _others(fit, visit, each):
@@ -69,10 +67,10 @@ def run_of_rows(fit: Linearized) -> Run | None:
         square, run = min((_judged(fit, other, d, Q, y, *ends) for ends in near_by), key=lambda x: x[0])
         found.append((square > near, other.smaller, square, run))
     best = min(found, key=lambda x: x[:3], default=None)
-    return best[3] if best is not None and best[2] < _LEFT * _square(Q, y) else None
+    return best[3] if best is not None and best[2] < MOST_OF_IT * _square(Q, y) else None
 
 
-def _judged(fit: Linearized, other: _Other, d: Array, Q: Array, y: Array, start: int, end: int) -> tuple[float, Run]:
+def _judged(fit: Linearized, other: _Other, d: Array, Q: Array, y: Array, start: int, end: int) -> tuple[float, RowRun]:
     """What a run leaves without the rows that are lost, infinite where it says no more than none; and the run."""
     count, rows = len(fit.keep), np.arange(start, end)
     lost = np.arange(start - other.step, start) if other.step > 0 else np.arange(end, end - other.step)
@@ -83,8 +81,8 @@ def _judged(fit: Linearized, other: _Other, d: Array, Q: Array, y: Array, start:
     nothing = _square(own, (y - np.where(here, fit.rows.scalars / fit.rows.flat(fit.rows.sigma), 0.0))[kept])
     value = np.array(fit.readings.value)
     value[fit.keep[rows]] = other.value[rows]
-    run = Run(other.name, other.what, fit.keep[rows], value, fit.keep[lost])
-    return (square if len(rows) and nothing - square > _SAYS else np.inf), run
+    run = RowRun(other.name, other.what, fit.keep[rows], value, fit.keep[lost])
+    return (square if len(rows) and nothing - square > SAYS else np.inf), run
 
 
 def _square(Q: Array, y: Array) -> float:
