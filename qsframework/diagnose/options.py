@@ -8,6 +8,8 @@ from typing import Annotated
 from qsframework.option import Option, Options, Seed
 
 LEVEL = 0.02
+LIBRARY_SHARE = 0.6
+"""Of the level that the test of the library gets; that for remaining signal gets the rest."""
 
 Level = Annotated[float, Option("False-alarm probability.", group="Diagnosis")]
 

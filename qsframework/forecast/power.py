@@ -18,6 +18,7 @@ import numpy as np
 from qsframework.arguments import checked
 from qsframework.diagnose.linearization.candidates import REACH, Cause, find_causes, widened
 from qsframework.diagnose.linearization.columns import Case, Subspace, plan_case
+from qsframework.diagnose.options import LEVEL, LIBRARY_SHARE
 from qsframework.diagnose.selection.family_test import FamilyBlock, chance
 from qsframework.diagnose.selection.principal_angles import alias_classes, angle_matrix, named_from
 from qsframework.elastostatics import Model
@@ -31,8 +32,6 @@ from qsframework.information import loss_words, predicted_sd
 from qsframework.plugin import Array, Indices, Poses
 from qsframework.work import HERE, Work, run
 
-LIBRARY_LEVEL = 0.012
-"""Family-wise level of the library's test in a diagnosis at its usual level of 2 %."""
 CLOSE = float(np.deg2rad(10.0))
 """Causes at a smaller angle count as not separable: naming one of them takes s = 19 and more."""
 _MOST = 1e4
@@ -71,7 +70,7 @@ def forecast(
     experiment: Experiment,
     plan: Plan | Poses,
     *,
-    level: float = LIBRARY_LEVEL,
+    level: float = LEVEL * LIBRARY_SHARE,
     power: float = 0.85,
     share: float = 0.95,
     sigma: float | None = None,

@@ -12,12 +12,12 @@ import numpy as np
 
 from qsframework.diagnose.error_budget import error_budget
 from qsframework.diagnose.learn import curve, dots
-from qsframework.diagnose.options import LEVEL
+from qsframework.diagnose.options import LIBRARY_SHARE
 from qsframework.diagnose.result import Diagnosis, LearnedLaw
 from qsframework.diagnose.selection.family_test import FamilyBlock, chance
 from qsframework.diagnose.selection.principal_angles import alias_classes, angle_matrix
 from qsframework.experiment import make_rows
-from qsframework.forecast.power import LIBRARY_LEVEL, detection_rate, threshold
+from qsframework.forecast.power import detection_rate, threshold
 from qsframework.plugin import Array
 from qsframework.report import power_section
 from qsframework.report.blocks import Figure, ReportTable
@@ -233,7 +233,7 @@ def angle_figure(diagnosis: Diagnosis) -> Figure | None:
 def power_figure(diagnosis: Diagnosis) -> Figure:
     """How surely a cause of visible size s is detected in these readings, with what they hold."""
     blocks = [FamilyBlock(s.Q, s.one_sided) for s in diagnosis.case.subspaces() if s.visible]
-    limit = float(np.quantile(chance(blocks, seed=diagnosis.seed), diagnosis.level * LIBRARY_LEVEL / LEVEL))
+    limit = float(np.quantile(chance(blocks, seed=diagnosis.seed), diagnosis.level * LIBRARY_SHARE))
     of = {s.cause.name: (s.Q.shape[1], s.one_sided) for s in diagnosis.case.subspaces() if s.visible}
     top = max([12.0, *(1.15 * f.s for f in diagnosis.findings)])
     s = np.linspace(0.0, top, 200)

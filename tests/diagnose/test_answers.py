@@ -25,7 +25,7 @@ from qsframework.report.words.diagnosis import diagnosis_words, limit_words
 from tests.diagnose import cases
 from tests.diagnose.cases import campaign, measured, quiet, unstable
 
-diagnose_module = import_module("qsframework.diagnose.diagnose")
+named_causes = import_module("qsframework.diagnose.named_causes")
 
 
 @pytest.fixture(scope="module")
@@ -97,12 +97,12 @@ def test_of_two_aliases_the_plausible_one_is_named_only_if_it_fits(
     (rival,) = (r.name for r in narrow.findings[0].alternatives)
 
     def prefer(wanted: str) -> None:
-        monkeypatch.setattr(diagnose_module, "most_plausible", lambda library, i: names.index(wanted))
+        monkeypatch.setattr(named_causes, "most_plausible", lambda library, i: names.index(wanted))
 
     prefer(rival)
     assert [f.name for f in diagnose(campaign(), twisted, repeats=1).findings] == [rival]
     kept: list[str] = []
-    monkeypatch.setattr(diagnose_module, "refit", lambda *_: None)
+    monkeypatch.setattr(named_causes, "refit", lambda *_: None)
     for wanted in (name, rival):
         prefer(wanted)
         kept += [f.name for f in diagnose(campaign(), twisted, repeats=1).findings]

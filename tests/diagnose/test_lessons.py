@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from independent_arm import HEAVY
 
-from qsframework.diagnose.diagnose import _fits  # pyright: ignore[reportPrivateUsage]
+from qsframework.diagnose.baseline import fits_beside
 from qsframework.diagnose.learn import law_trials
 from qsframework.diagnose.linearization.generic_blocks import generic_blocks, motions
 from qsframework.diagnose.result import Leftover
@@ -25,7 +25,7 @@ def test_a_law_must_outweigh_all_that_were_tried_and_no_draw_of_the_noise_may_lo
     """Ten to one against nothing, which weighs as all laws together: log 4000 = 8.3, log 2000 = 7.6."""
     _, rows, fit = clean_fit(HEAVY, tmp_path, poses=8)
     blocks = list(generic_blocks(motions(fit.model, rows, fit.x, fit.frames)))
-    fits = _fits(rows, rows.padded_noise.colour(fit.jacobian))
+    fits = fits_beside(rows, rows.padded_noise.colour(fit.jacobian))
     values = fit.residuals.ravel() + 1e-5 * np.random.default_rng(1).standard_normal(fit.residuals.size)
     left = [Leftover(blocks[0].law, p, evidence)]
     found = law_trials(fit.model, blocks, left, tried, fits, values)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from independent_arm import COILED, SEVEN, Arm
 
-from qsframework.diagnose.diagnose import _fits  # pyright: ignore[reportPrivateUsage]
+from qsframework.diagnose.baseline import fits_beside
 from qsframework.diagnose.law import Law
 from qsframework.diagnose.linearization.generic_blocks import Motions, motions
 from qsframework.diagnose.linearization.place_motions import Place, law_columns, places_of, variables, visits_of
@@ -33,7 +33,7 @@ def campaign(arm: Arm, folder: Path, kind: str = "displacements", poses: int = 1
     """What moves in a clean campaign, its fits, and what its noise left."""
     _, rows, fit = clean_fit(arm, folder, poses=poses, kind=kind)
     moved = motions(fit.model, rows, fit.x, fit.frames)
-    return moved, _fits(rows, rows.padded_noise.colour(fit.jacobian)), fit.residuals.ravel()
+    return moved, fits_beside(rows, rows.padded_noise.colour(fit.jacobian)), fit.residuals.ravel()
 
 
 def place(moved: Motions, part: str, name: str) -> Place:

@@ -15,10 +15,10 @@ from qsframework.diagnose.linearization.candidates import REACH, find_causes
 from qsframework.diagnose.linearization.columns import Case, Subspace, plan_case
 from qsframework.diagnose.linearization.generic_blocks import Motions, generic_blocks, motions
 from qsframework.diagnose.selection.alternatives import alternative_set
-from qsframework.diagnose.selection.closing_gate import NamedEffect, leftovers, open_alternative
 from qsframework.diagnose.selection.evidence import TAUS, evidence
 from qsframework.diagnose.selection.family_test import FamilyBlock, chance, family_test, log_p_values
 from qsframework.diagnose.selection.model_selection import blocks_of
+from qsframework.diagnose.selection.remaining_signal import NamedEffect, open_alternative, remaining_signal
 from qsframework.diagnose.selection.search import Gram, Subset, make_gram, search
 from qsframework.estimation.noise import Independent, grouped
 from qsframework.estimation.visit_noise import RHOS, Reml, VisitNoise, reml
@@ -227,7 +227,7 @@ def test_generic_blocks_are_silent_on_noise_and_see_a_coupling_between_joints() 
     # the drive of joint 5 gives under the torque of joint 2: no effect of the library does that
     extra = coupled(case, moved)
     for _ in range(5):
-        hits, _ = leftovers(blocks, fits, SIGMA * (noise_left(case, rng) + extra), 0.05, 0, every)
+        hits, _ = remaining_signal(blocks, fits, SIGMA * (noise_left(case, rng) + extra), 0.05, 0, every)
         assert hits[0].law == Law("drive", "joint_5", ("others",))
         assert hits[0].p_value < 1e-4
 

@@ -13,7 +13,6 @@ from qsframework.errors import InputError, NotIdentifiable
 from qsframework.experiment import example, load_experiment
 from qsframework.forecast.forecast import Outlook
 from qsframework.forecast.power import (
-    LIBRARY_LEVEL,
     Bench,
     detection_rate,
     forecast,
@@ -178,13 +177,6 @@ def test_the_price_of_directions_decides_between_nested_causes():
     assert mistaken_by(8.0, np.array([1.0]), np.array([0]), 500) == pytest.approx([0.5])
     third = mistaken_by(6.4, np.array([np.cos(np.deg2rad(30.0))]), np.array([0]), 500)
     assert third == pytest.approx([0.05], abs=0.003)
-
-
-def test_the_level_is_that_of_a_diagnosis():
-    from importlib import import_module
-
-    diagnosis = import_module("qsframework.diagnose.diagnose")
-    assert pytest.approx(diagnosis.LEVEL * diagnosis._LIBRARY_SHARE) == LIBRARY_LEVEL
 
 
 NAMES = [

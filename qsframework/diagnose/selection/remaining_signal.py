@@ -1,4 +1,5 @@
-"""The closing gate: what the names leave, and whether a law that nobody has written does as well in a name's place.
+"""The test for remaining signal: what the names leave, and whether a law that nobody has written does as well in the
+place of one.
 
 With all names fitted, a generic block that is still significant says that they are not the whole truth. And a name
 stands only where no generic block explains the readings nearly as well in its place, the other names given: of blocks
@@ -63,7 +64,7 @@ def named_in(fit: SettledFit, causes: Mapping[str, Sequence[str]], colour: Array
     return tuple(out)
 
 
-def leftovers(
+def remaining_signal(
     blocks: Sequence[Block], fits: Reml, values: Array, level: float, seed: int, measured: Flags
 ) -> tuple[tuple[Leftover, ...], Array]:
     """Blocks that are significant in readings (m,) m beside all that a model fits, the strongest first, and the

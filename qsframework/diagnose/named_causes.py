@@ -1,0 +1,267 @@
+"""Which causes of the library explain the readings: the search among them, beside another structure of the arm, and
+without rows that belong to nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
+
+import numpy as np
+
+from qsframework.diagnose.baseline import (
+    Baseline,
+    Start,
+    baseline_of,
+    fits_beside,
+    in_noise_beside,
+    start_of,
+    without_rows,
+)
+from qsframework.diagnose.linearization.candidates import Cause
+from qsframework.diagnose.options import LIBRARY_SHARE
+from qsframework.diagnose.residuals.audited_rows import bic, far_from_linear, find_outliers, library_basis
+from qsframework.diagnose.residuals.noise_components import visible
+from qsframework.diagnose.selection.cross_validation import HeldOut, Search, held_out
+from qsframework.diagnose.selection.exact_refit import SettledFit
+from qsframework.diagnose.selection.family_test import family_test
+from qsframework.diagnose.selection.model_selection import (
+    Answer,
+    Library,
+    Refits,
+    answer_of,
+    blocks_of,
+    explain,
+    make_library,
+    most_plausible,
+    refit,
+)
+from qsframework.diagnose.selection.search import parts_of
+from qsframework.errors import InputError, NotConverged, NotIdentifiable
+from qsframework.estimation import orthonormal, rms
+from qsframework.plugin import Indices
+from qsframework.screening import Mistake
+from qsframework.screening.convention_changes import ConventionChange
+from qsframework.screening.conventions import check_structures, fits_better
+
+_OUTLIERS = 0.01
+"""Level at which a row does not belong to the others."""
+_ROUNDS = 3
+"""Times that a noise is found beside what was found in it."""
+_BETTER = 1.0
+"""By how much the BIC must fall for another structure."""
+_AS_GOOD = 2.0
+"""By how much it may rise where causes are spared: they merely do the same."""
+_SURE = 1e-4
+"""Odds against another structure below which it may stand."""
+_SETTLED = 0.8
+"""Share of a noise that the next one has where the names stay: nothing more is hidden in it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchOptions:
+    """Level of all tests together; causes that are named together at most; random seed; repeats of the folds."""
+
+    level: float
+    largest: int
+    seed: int
+    repeats: int
+
+    @property
+    def of_library(self) -> float:
+        """Level of the test of the library."""
+        return self.level * LIBRARY_SHARE
+
+    @property
+    def of_remaining(self) -> float:
+        """Level of the test for remaining signal."""
+        return self.level * (1.0 - LIBRARY_SHARE)
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """The library, its answers, best first, and the baseline in the noise that these leave; plain: the same without
+    any answer, in the noise that is left then."""
+
+    base: Baseline
+    library: Library
+    answers: Sequence[Answer]
+    plain: Found | None = None
+
+    @property
+    def best(self) -> Answer | None:
+        return self.answers[0] if self.answers else None
+
+    @property
+    def members(self) -> tuple[int, ...]:
+        return self.answers[0].subset.members if self.answers else ()
+
+    @property
+    def causes(self) -> list[Cause]:
+        """Those of the best answer."""
+        return [self.base.case.causes[i] for i in self.members]
+
+    @property
+    def extended(self) -> SettledFit:
+        """The exact fit with the causes of the best answer."""
+        return self.answers[0].fit if self.answers else self.base.fit
+
+    def without(self, names: Sequence[str]) -> Found:
+        """The best answer without some of its causes, its fit and its noise being those without any cause where none
+        stays, or where no fit without them leads anywhere."""
+        kept = [c for c in self.causes if c.name not in names]
+        fit = self.base.refit(kept) if kept else None
+        if self.plain is None or fit is None:
+            return self.plain or self
+        members = tuple(i for i, c in zip(self.members, self.causes, strict=True) if c in kept)
+        best = replace(self.answers[0], subset=replace(self.answers[0].subset, members=members), fit=fit)
+        return replace(self, answers=(best, *self.answers[1:]))
+
+
+def find_named(start: Start, options: SearchOptions, tell: Callable[[str], None]) -> Found:
+    """The search, and once more without the rows that belong to nothing."""
+    tell("causes")
+    base = baseline_of(start)
+    tell("search")
+    found = _searched(base, options)
+    outliers = _outliers(found)
+    return _searched(without_rows(found.base, outliers), options) if len(outliers) else found
+
+
+def beside_structures(
+    start: Start, found: Found, options: SearchOptions, tell: Callable[[str], None]
+) -> tuple[Found, tuple[Mistake, ...]]:
+    """What was found, or what is found with another structure, which then stands beside it: rather that than causes
+    that merely do the same, and rather the file's than another one."""
+    for structure, other in _structures(start):
+        instead = find_named(other, options, tell)
+        spared = len(instead.members) < len(found.members)
+        if _dearer(instead, found) < (_AS_GOOD if spared else -_BETTER):
+            return instead, (structure,)
+    return found, ()
+
+
+def held_out_gain(found: Found, options: SearchOptions) -> HeldOut:
+    """Cross-validation of the baseline and of the extended model, in the noise beside them."""
+    base, library = found.base, found.library
+    how = Search(
+        subspaces=library.subspaces,
+        threshold=library.scores.threshold(options.of_library),
+        nu=library.nu,
+        classes=library.heads,
+        bounds=library.bounds,
+        largest=options.largest,
+    )
+    closing = base.case_at(found.causes, found.extended) if found.answers else None
+    alike = [set(library.aliases(i)) for i in found.members]
+    nested = how if found.answers and not base.far else None
+    return held_out(base.case, closing, found.members, alike, nested, options.seed, options.repeats)
+
+
+def _structures(given: Start) -> list[tuple[Mistake, Start]]:
+    """The structure of the arm whose exact fit is compellingly better than that of its file, the likeliest; or none.
+
+    A cause may do so too: the two are compared when both were searched beside.
+    """
+    changes = check_structures(given.experiment, given.readings)
+    tried: list[tuple[float, ConventionChange, Start]] = []
+    for change in changes:
+        try:
+            start = start_of(change.experiment, change.readings)
+        except (InputError, NotConverged, NotIdentifiable):
+            continue
+        tried.append((bic(given.rows, given.fit) - bic(start.rows, start.fit), change, start))
+    out: list[tuple[Mistake, Start]] = []
+    for gain, change, start in sorted(tried, key=lambda t: -t[0])[:1]:
+        evidence = 0.5 * gain - float(np.log(len(changes)))
+        if evidence > -np.log(_SURE):
+            after, before = (rms(f.residuals[given.rows.mask]) for f in (start.fit, given.fit))
+            structure = Mistake(
+                name=change.name,
+                value=change.value,
+                words=fits_better(change, after, before),
+                experiment=change.experiment,
+                readings=change.readings,
+                rms=after,
+                rms_given=before,
+                evidence=evidence,
+                below=0,
+                compelling=True,
+                structure=True,
+            )
+            out.append((structure, start))
+    return out
+
+
+def _dearer(one: Found, other: Found) -> float:
+    """By how much the BIC of one extended model is above that of another, for the rows that both have left."""
+    both = np.intersect1d(one.base.good, other.base.good)
+    costs = [bic(f.base.given.take(both), f.extended, np.flatnonzero(np.isin(f.base.good, both))) for f in (one, other)]
+    return costs[0] - costs[1]
+
+
+def _searched(base: Baseline, options: SearchOptions) -> Found:
+    """The library, its answers, best first, and the baseline in the noise that these leave.
+
+    Whether anything acts is tested in the noise that the fitted parameters alone leave. What does is then searched for
+    again in the noise beside it: what it did to the readings has passed for noise before.
+    """
+    subspaces = base.case.subspaces()
+    measured = base.rows.mask.ravel()
+    scores = family_test(blocks_of(base.case, subspaces), base.fits, base.values, options.seed, measured=measured)
+    library = make_library(base.case, base.fit, base.nu, subspaces, scores)
+    plain = Found(base, library, ())
+    answers, fitted = _answers(library, base, options, {})
+    for _ in range(_ROUNDS if answers else 0):
+        best = answers[0]
+        far = far_from_linear(base.case, best.fit)
+        fits = fits_beside(base.start, base.rows.padded_noise.colour(best.fit.jacobian))
+        again = replace(in_noise_beside(base, fits, best.fit), far=far)
+        there = make_library(again.case, again.fit, again.nu, again.case.subspaces(), scores)
+        found, fitted = _answers(there, again, options, fitted)
+        if far:  # the linear search adds causes for what is far from linear: all parts are weighed by exact fits
+            tried = {part.members: part for a in (best, *found[:1]) for part in parts_of(a.subset, there.gram)}
+            parts = [answer_of(there, p, again.fit, again.rows, fitted) for p in tried.values()]
+            found = sorted(chain.from_iterable(parts), key=lambda a: a.ebic)
+        if not found:
+            break
+        size, before = (np.hypot(b.rows.sigma[b.rows.mask].mean(), b.rows.shared) for b in (again, base))
+        base, library, answers = again, there, found
+        if found[0].subset.members == best.subset.members and size > _SETTLED * before:
+            break
+    return Found(base, library, answers, plain)
+
+
+def _answers(library: Library, base: Baseline, options: SearchOptions, before: Refits) -> tuple[list[Answer], Refits]:
+    """Explanations where the library's test is significant, most plausible alias first; none otherwise. And all exact
+    fits so far."""
+    if library.scores.p_value > options.of_library:
+        return [], before
+    answers, fitted = explain(library, base.fit, base.rows, options.level, options.largest, before)
+    fitted = {**before, **fitted}
+    if not answers:
+        return [], fitted
+    first = answers[0]
+    members = tuple(most_plausible(library, i) for i in first.subset.members)
+    if members != first.subset.members:
+        causes = [base.case.causes[i] for i in members]
+        fit = refit(base.case, causes, base.fit, base.rows, fitted)
+        fitted = {**fitted, frozenset(c.name for c in causes): fit}
+        if fit is not None and fit.chi2 <= first.fit.chi2 + 1.0:
+            first = Answer(replace(first.subset, members=members), fit, first.ebic)
+    return [first, *answers[1:]], fitted
+
+
+def _outliers(found: Found) -> Indices:
+    """Places of rows that belong neither to the model that was found nor to the whole library; at most a tenth."""
+    base, fit = found.base, found.extended
+    mask, shape = base.rows.mask, (len(base.rows.keep), 3)
+    columns = visible(orthonormal(fit.jacobian).reshape(*shape, -1))
+    outliers = find_outliers(fit.white.reshape(shape), columns, _OUTLIERS, mask)
+    if not len(outliers):
+        return outliers
+    library = library_basis(base.case)
+    if int(mask.sum()) - library.shape[1] >= max(base.case.count // 3, 6):
+        raw = base.rows.padded_noise.whiten(base.fit.residuals.ravel()).reshape(shape)
+        outliers = np.intersect1d(outliers, find_outliers(raw, library, _OUTLIERS, mask))
+    return outliers if len(outliers) <= max(1, len(base.rows.keep) // 10) else outliers[:0]
