@@ -24,7 +24,7 @@ _UNITS = (
     (1.0 / INCH, "mm where the others are in inches"),
 )
 _LEAST = 3
-"""Poses' worth of rows of a run: of fewer poses other changes say more."""
+"""Poses' worth of rows of a run, and of those beside one in another unit: of fewer poses other changes say more."""
 _MOST = 500
 """Rows up to which all runs are looked at; of more, those that end with the table or begin with it."""
 MOST_OF_IT = 0.05
@@ -60,7 +60,8 @@ def run_of_rows(fit: Linearized) -> RowRun | None:
     each = int(np.median(np.bincount(visit)))
     for other in _others(fit, visit, each):
         d = fit.rows.flat(other.value - fit.rows.measured) / sigma
-        start, end = _best(_Sums(fit.row, len(fit.keep), Q, y, d), _LEAST * each)
+        rest = 1 if other.step else _LEAST * each
+        start, end = _best(_Sums(fit.row, len(fit.keep), Q, y, d), _LEAST * each, rest)
         # what is lost at its end misleads the search by so many rows
         late, early = max(other.step, 0), max(-other.step, 0)
         near_by = [(start + k, end) for k in range(late + 1)] + [(start, end - k) for k in range(1, early + 1)]
@@ -152,15 +153,16 @@ class _Sums:
         return np.asarray(self.plain + self.total[last] - self.total[first] - np.square(along).sum(axis=1))
 
 
-def _best(sums: _Sums, least: int) -> tuple[int, int]:
-    """The run of so many rows and more, but not of all, that leaves least: from a row to before another."""
+def _best(sums: _Sums, least: int, rest: int) -> tuple[int, int]:
+    """The run of so many rows and more, with at least `rest` beside it, that leaves least: from a row to before
+    another."""
     count, best = len(sums.total) - 1, (np.inf, 0, 0)
     for start in range(count) if count <= _MOST else (0,):
-        last = np.arange(start + least, count + (start > 0))
+        last = np.arange(start + least, min(count, count - rest + start) + 1)
         if len(last):
             left = sums.left(np.full(len(last), start), last)
             best = min(best, (float(left.min()), start, int(last[left.argmin()])))
-    first = np.arange(1, max(count - least + 1, 1))
+    first = np.arange(rest, max(count - least + 1, rest))
     if len(first):
         left = sums.left(first, np.full(len(first), count))
         best = min(best, (float(left.min()), int(first[left.argmin()]), count))

@@ -101,6 +101,20 @@ def test_right_tables_and_hidden_effects_hold_no_run(folder: Path, tmp_path: Pat
         assert run_of_rows(linearized(experiment, readings)) is None
 
 
+def test_a_pose_read_twice_is_not_all_others_in_another_unit(tmp_path: Path) -> None:
+    """What makes nearly all readings smaller leaves little of any misfit, wherever that is."""
+    campaign = Campaign(Setting(ARMS["seven"], 40, 0, "displacements", loads="two"))
+    write_campaign(campaign, noisy(campaign, campaign.clean(Hidden())), tmp_path)
+    experiment, readings = loaded(tmp_path)
+    for pose in (2, 18, 33, 36):
+        here, before = slice(3 * pose, 3 * pose + 3), slice(3 * pose - 3, 3 * pose)
+        value = readings.value.copy()
+        value[here] = value[before]
+        (found,) = adopted(find_mistakes(experiment, readings.with_values(value)))
+        assert found.name == f"repeated_readings[{readings.pose[3 * pose]}]"
+        assert list(found.rows) == readings.line[here].tolist()
+
+
 def test_readings_that_scatter_ten_times_as_stated_are_not_within_the_noise(folder: Path) -> None:
     """Every row by another row's values: no mistake that is known mends it, and no cause does."""
     experiment, readings = loaded(folder / "small")
