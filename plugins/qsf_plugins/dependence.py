@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass
 from functools import reduce
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -42,6 +42,7 @@ class Dependence:
     hangs; `always`. What further factors there are says the effect.
     """
 
+    whole: ClassVar[bool] = True
     at: str = place()
     by: str = place()
     _: KW_ONLY

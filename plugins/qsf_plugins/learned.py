@@ -151,9 +151,6 @@ class Learned(Dependence, SpringLaw):
             out.append(Problem(f"{self.name}: knots out of order", found=found, allowed="each above the one before"))
         return out
 
-    def validate_values(self, x: Array, robot: RobotFacts) -> None:
-        require_whole(self.name, self.parameters(robot), x)
-
     def extra(self, torque: Array, x: Array, context: Context) -> LawTerm:
         """The law is linear in its weights; each coordinate's slope by its own torque is exact by complex step."""
         count = len(self.coordinates(context.robot))
@@ -277,17 +274,3 @@ class LearnedShift(Learned):
         count = len(self.coordinates(robot))
         moments = bent(torque[:, count:] / robot.sizes.torque).reshape(len(torque), 1, -1)
         return np.repeat(moments, count, axis=1)
-
-
-def require_whole(name: str, parameters: Sequence[Parameter], x: Array) -> None:
-    """InputError where a file holds some of the weights of a law and not the others."""
-    missing = [p.name for p, v in zip(parameters, x, strict=True) if v == 0.0]
-    if missing and len(missing) < len(x):
-        raise InputError(
-            Problem(
-                f"{name}: a value is missing for {', '.join(missing)}",
-                found=f"{len(x) - len(missing)} weights",
-                allowed=f"{len(x)}, as knots and part of the effect say",
-                hint="All weights of a law belong together; take the file that was written with the effect.",
-            )
-        )

@@ -10,7 +10,6 @@ from typing import ClassVar
 import numpy as np
 
 from qsf_plugins.dependence import Dependence, down_in, within
-from qsf_plugins.learned import require_whole
 from qsframework.plugin import (
     Array,
     Context,
@@ -52,9 +51,6 @@ class _LearnedWrench(Dependence, Load):
             problems.append(Problem(f"{self.name}: the load hangs at the tool", found=self.at, allowed="tool"))
         if problems:
             raise InputError(problems)
-
-    def validate_values(self, x: Array, robot: RobotFacts) -> None:
-        require_whole(self.name, self.parameters(robot), x)
 
     def apply(self, loads: Loads, x: Array, context: Context) -> Array:
         return loads.wrench + self.shapes(loads, context) @ x

@@ -8,7 +8,6 @@ from typing import ClassVar
 import numpy as np
 
 from qsf_plugins.dependence import Dependence, down_in
-from qsf_plugins.learned import require_whole
 from qsframework.plugin import (
     Array,
     Context,
@@ -60,9 +59,6 @@ class LearnedOffset(Dependence, Sensor):
             problems.append(Problem(f"{self.name}: the attitude is that of a marker's frame", found="at: all"))
         if problems:
             raise InputError(problems)
-
-    def validate_values(self, x: Array, robot: RobotFacts) -> None:
-        require_whole(self.name, self.parameters(robot), x)
 
     def read(self, reading: Reading, x: Array, context: Context) -> SensorTerm:
         dx = self.shapes(reading, context)

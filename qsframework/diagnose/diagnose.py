@@ -106,7 +106,7 @@ def _told(
     learned = best_law(found, certain, remaining, options)
     known = beside(_known(findings) if left_open(findings, remaining.leftovers) else frozenset())
     tell("noise")
-    audit = audit_of(base, learned.fit if learned and learned.holds else extended)
+    audit = audit_of(base, learned.alone if learned and learned.holds else extended)
     after = misfit(base.experiment, base.readings, base.rows, extended)
     return Diagnosis(
         account=_account(base, findings),

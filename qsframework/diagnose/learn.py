@@ -1,4 +1,4 @@
-"""Learning a law that nobody has written: the plainest block, fitted exactly with the prior that it asks for.
+"""Learning a law that nobody has written: the likeliest blocks, each fitted exactly with the prior that it asks for.
 
 Its weights are drawn towards zero as its evidence says (best linear unbiased prediction), so that directions which no
 reading shows stay there: a law is never larger than what was seen of it.
@@ -35,7 +35,6 @@ from qsframework.plugin import (
     registry,
 )
 
-_TRIED = 3
 _PARTS = 10
 """Folds in which the law is chosen anew."""
 _HELD = 1.0 / 3.0
@@ -51,44 +50,67 @@ _TELLS = 0.2
 """Share of the largest torque under which a visit tells a law that grows with the torque."""
 
 
+_AVERAGED = 6
+"""Laws that are averaged at most."""
+_DOUBT = 2.0
+"""By which the nats of laws are divided before they share: the readings that chose them judge them, too."""
+_LEAST_SHARE = 0.1
+"""Of the largest share in an average: a law with less does little there."""
+
+
 @dataclass(frozen=True)
 class LawTrial:
-    """A law that can be written as an effect: the cause that it is, and what was left of it."""
+    """A law that can be written as an effect: the cause that it is, what was left of it, and its evidence, nats."""
 
     leftover: Leftover
     cause: Cause
+    evidence: float
+
+
+def shares(evidence: Sequence[float]) -> Array:
+    """Shares (n,) of laws in their average, none so small that it does nothing."""
+    odds = np.exp((np.array(evidence) - max(evidence)) / _DOUBT)
+    kept = np.where(odds >= _LEAST_SHARE, odds, 0.0)
+    return np.asarray(kept / kept.sum())
 
 
 def law_trials(
     model: Model,
-    blocks: Sequence[Block],
+    likely: Sequence[tuple[float, Block]],
     left: Sequence[Leftover],
     tried: int,
     fits: Reml,
     values: Array,
 ) -> list[LawTrial]:
-    """The few plainest laws that readings (m,) m hold beside a fit, well enough to be learned, and an effect can be;
-    blocks: all that is left may be of; tried: how many laws were, about all axes of their places."""
-    known = {b.law: b for b in blocks}
+    """The likeliest laws of readings (m,) m beside a fit that an effect can be, first the plainest of what is left;
+    none where nothing left is plain enough to be learned.
+
+    likely: laws with their evidence, nats; tried: how many laws were, about all axes of their places
+    """
+    known = {block.law: (evidence, block) for evidence, block in reversed(likely)}
+    plain = [x for x in left if x.evidence >= np.log(_ODDS * tried) and x.p_value <= _CHANCE and x.law in known]
+    first = next((x for x in plain if effects_of(model, known[x.law][1].effect)), None)
+    if first is None:
+        return []
+    others = sorted((law for law in known if law != first.law), key=lambda law: -known[law][0])
     out: list[LawTrial] = []
-    for leftover in left:
-        if leftover.evidence < np.log(_ODDS * tried) or leftover.p_value > _CHANCE:
-            continue
-        block = known[leftover.law]
+    for leftover in (first, *(Leftover(law, float("nan"), known[law][0]) for law in others)):
+        evidence, block = known[leftover.law]
         effects = effects_of(model, block.effect)
-        if effects:
+        if effects and effects[-1].name not in {x.cause.name for x in out}:  # about one axis, or about all
             prior = prior_of(block.columns, fits, values)
             effect: Any = replace(cast("Any", effects[-1]), prior=prior)
             parameters = effect.parameters(model.facts)
-            out.append(LawTrial(leftover, Cause(effect.name, (*effects[:-1], effect), parameters, False, prior)))
-        if len(out) == _TRIED:
+            cause = Cause(effect.name, (*effects[:-1], effect), parameters, False, prior)
+            out.append(LawTrial(leftover, cause, evidence))
+        if len(out) == _AVERAGED:
             break
     return out
 
 
 def foretold(blocks: Sequence[Array], fits: Reml, values: Array, pose: Indices) -> float:
-    """By how many of its standard errors the held-out error falls with a law of readings (m,) m, where each
-    fold chooses among blocks (m, p) m anew; pose (m,): whose readings are left out together."""
+    """By how many of its standard errors the held-out error falls with a law of readings (m,) m, where each fold
+    averages over blocks (m, p) m anew; pose (m,): whose readings are left out together."""
     k = int(fits.choose(values[:, None])[0])
     noise, X = fits.noise.noises[k], fits.Q[k]
     y, white = fits.left(k, values), [left(X, noise.whiten(b)) for b in blocks]
@@ -97,7 +119,8 @@ def foretold(blocks: Sequence[Array], fits: Reml, values: Array, pose: Indices) 
         train = np.setdiff1d(np.arange(len(y)), test)
         fit = np.linalg.solve(X[train].T @ X[train] + _HELD**2 * np.eye(X.shape[1]), X[train].T)
         rest = y[train] - X[train] @ (fit @ y[train])
-        law = max((_blup(Z[train] - X[train] @ (fit @ Z[train]), rest, Z) for Z in white), key=lambda x: x[0])[1]
+        evidence, laws = zip(*(_blup(Z[train] - X[train] @ (fit @ Z[train]), rest, Z) for Z in white), strict=True)
+        law = np.stack(laws, axis=1) @ shares(evidence)
         for out, less in ((before, y), (after, y - law)):
             out[test] = less[test] - X[test] @ (fit @ less[train])
     return standard_errors(before, after, pose)
@@ -164,13 +187,13 @@ def curve(learned: LearnedLaw, robot: RobotFacts, count: int = 61) -> Curve | No
             straight @ straight
         )
     names = learned.cause.names
-    at = [learned.fit.names.index(n) for n in names]
+    at = [learned.alone.names.index(n) for n in names]
     k, m = shapes.shape[1:]
     covariance = np.stack(
-        [learned.fit.covariance[np.ix_(at, at)][i * m : i * m + m, i * m : i * m + m] for i in range(k)]
+        [learned.alone.covariance[np.ix_(at, at)][i * m : i * m + m, i * m : i * m + m] for i in range(k)]
     )
     sd = np.sqrt(np.maximum(np.einsum("nkp,kpq,nkq->nk", shapes, covariance, shapes), 0.0))
-    weights = np.array([learned.fit.value(n) for n in names]).reshape(k, m)
+    weights = np.array([learned.alone.value(n) for n in names]).reshape(k, m)
     under = np.nan if over == "torque" else 0.0 if free else float(effect.scale)
     return Curve(over, x, np.einsum("nkm,km->nk", shapes, weights), sd, under)
 
@@ -181,7 +204,7 @@ def dots(learned: LearnedLaw, rows: ReadingRows, found: Curve) -> tuple[Array, A
 
     The motion is the curve's plus the one that fits the visit's residuals best, under the curve's torque.
     """
-    fit, law = learned.fit, learned.leftover.law
+    fit, law = learned.alone, learned.leftover.law
     effect: Any = learned.cause.effects[-1]
     moved = motions(fit.model, rows, fit.x, fit.frames)
     at = next(list(p.coordinates) for p in moved.places if (p.part, p.name) == (law.part, law.place))

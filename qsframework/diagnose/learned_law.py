@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, cast
+
 import numpy as np
 
-from qsframework.diagnose.learn import LawTrial
+from qsframework.diagnose.baseline import Baseline
+from qsframework.diagnose.learn import shares
 from qsframework.diagnose.likeness import alike
+from qsframework.diagnose.linearization.candidates import Cause, widened
 from qsframework.diagnose.named_causes import Found, SearchOptions, held_out_gain
 from qsframework.diagnose.remaining import NOTHING, Remaining, remaining_beside
 from qsframework.diagnose.result import LearnedLaw
-from qsframework.diagnose.selection.cross_validation import held_out
-from qsframework.diagnose.selection.exact_refit import SettledFit
+from qsframework.diagnose.selection.cross_validation import held_out_average
+from qsframework.diagnose.selection.exact_refit import SettledFit, averaged_fit
 
 _PREDICTS = 0.98
 """Share of the held-out error with some names below which a law stands in their place."""
@@ -32,45 +38,57 @@ def tested(found: Found, options: SearchOptions) -> tuple[Found, Remaining]:
 
 
 def best_law(found: Found, certain: SettledFit, remaining: Remaining, options: SearchOptions) -> LearnedLaw | None:
-    """The law that what is left shows, at a place that is identified: the first of the plainest that holds, else the
-    plainest.
+    """The average of the likeliest laws of what is left, fitted exactly beside the certain names, with its held-out
+    gain; None where nothing is learned or no fit leads anywhere.
 
     Where doubtful names do not stay, it is learned of what is left beside the certain ones.
     """
-    if found.answers and certain is not found.extended:
-        remaining = remaining_beside(found.base, (), certain, options)
-    tried: list[LearnedLaw] = []
-    for trial in remaining.law_trials:
-        learned = _learned(found, certain, trial, remaining.anew, options)
-        if learned is not None and learned.holds:
-            return learned
-        tried += [learned] if learned is not None else []
-    return tried[0] if tried else None
-
-
-def _learned(
-    found: Found, certain: SettledFit, trial: LawTrial, anew: float, options: SearchOptions
-) -> LearnedLaw | None:
-    """A law fitted exactly beside the certain names, with its held-out gain; None where no fit leads anywhere."""
     base = found.base
+    if found.answers and certain is not found.extended:
+        remaining = remaining_beside(base, (), certain, options)
     kept = [c for c in found.causes if set(c.names) <= set(certain.names)]
-    both = [*kept, trial.cause]
-    fit = base.refit(both)
-    if fit is None:
+    fitted = [(trial, base.refit([*kept, trial.cause])) for trial in remaining.law_trials]
+    possible = [(trial, fit) for trial, fit in fitted if fit is not None]
+    if not possible or possible[0][0] is not remaining.law_trials[0]:
         return None
-    cases = base.case_at(kept, certain), base.case_at(both, fit)
-    held = held_out(*cases, (), [], None, options.seed, options.repeats)
-    bounds = {p.name: (p.lower, p.upper) for p in fit.model.parameters}
+    plainest, alone = possible[0]
+    physical = _within_bounds(alone)
+    possible = [(trial, fit) for trial, fit in possible if _within_bounds(fit)] if physical else possible[:1]
+    odds = shares([trial.evidence for trial, _ in possible]).tolist()
+    laws = [(share, trial.cause, fit) for share, (trial, fit) in zip(odds, possible, strict=True) if share > 0.0]
+    fit = alone if len(laws) == 1 else _average(base, kept, laws)
+    cases = [(share, base.case_at([*kept, cause], own)) for share, cause, own in laws]
+    held = held_out_average(base.case_at(kept, certain), cases, options.seed, options.repeats)
     return LearnedLaw(
-        cause=trial.cause,
-        leftover=trial.leftover,
+        causes=tuple(cause for _, cause, _ in laws),
+        shares=tuple(share for share, _, _ in laws),
+        leftover=plainest.leftover,
         s=float(np.sqrt(max(certain.chi2 - fit.chi2, 0.0))),
+        alone=alone,
         fit=fit,
         before=held.rms_identified,
         heldout=held.rms_extended,
         gain=held.gain,
         clear=held.clear,
-        anew=anew,
-        physical=all(bounds[n][0] <= v <= bounds[n][1] for n, v in fit.by_name().items()),
-        alike=alike(base.case, kept, fit, trial.leftover.law, trial.cause),
+        anew=remaining.anew,
+        physical=physical,
+        alike=alike(base.case, kept, alone, plainest.leftover.law, plainest.cause),
     )
+
+
+def _average(base: Baseline, kept: Sequence[Cause], laws: Sequence[tuple[float, Cause, SettledFit]]) -> SettledFit:
+    """Of fits by their shares, each with one law beside the causes that are kept. In a fit of all laws together each
+    has the share of its variance, so that they are drawn to zero as one law is."""
+    causes = list[Cause]()
+    for share, cause, _ in laws:
+        *springs, law = cause.effects
+        weighed: Any = replace(cast("Any", law), prior=float(np.sqrt(share)) * (cause.prior or 0.0))
+        causes.append(replace(cause, effects=(*springs, weighed), parameters=weighed.parameters(base.case.model.facts)))
+    model = widened(base.experiment.model(), [*kept, *causes])
+    names = [*base.case.fitted, *(n for c in (*kept, *causes) for n in c.names)]
+    return averaged_fit(model, names, base.rows, [(share, fit) for share, _, fit in laws])
+
+
+def _within_bounds(fit: SettledFit) -> bool:
+    bounds = {p.name: (p.lower, p.upper) for p in fit.model.parameters}
+    return all(bounds[n][0] <= v <= bounds[n][1] for n, v in fit.by_name().items())

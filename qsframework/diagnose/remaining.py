@@ -34,7 +34,7 @@ _AHEAD = 2.2
 """Nats by which the causes of the library must be likelier than places that follow no law of it, for a name to be
 certain."""
 _LIKELY = 60
-"""Laws among which each fold chooses anew, to say whether what is learned predicts."""
+"""Laws over which each fold averages anew, to say whether what is learned predicts."""
 _SPEAKS, _BESIDE = 1.5, 4.0
 """Nats for some part of the arm that moves from which on it is said: where nothing is named, and beside names."""
 
@@ -86,9 +86,9 @@ def remaining_beside(base: Baseline, causes: Sequence[Cause], fit: SettledFit, o
         places = race.likely([(x.whole, x.evidence) for x in likely]) if acts else ()
         found = _Left(leftovers=left, likely=tuple(likely), evidence=tuple(e.tolist()), places=places, race=race)
     here = tuple(x for x in found.leftovers if found.places and x.law.where in found.places[0].wheres)
-    trials = law_trials(fit.model, [*blocks, *(x.block for x in found.likely)], here, len(blocks), fits, values)
     strong = sorted(zip(found.evidence, blocks, strict=False), key=lambda x: -x[0])[:_LIKELY]
-    among = [*(x.block.columns for x in found.likely), *(b.columns for _, b in strong)]
+    among = [*((x.evidence, x.block) for x in found.likely), *strong]
+    trials = law_trials(fit.model, among, here, len(blocks), fits, values)
     leftovers, places = _by_place(found, here)
     alternatives, beaten = _in_place_of(base, causes, fit, blocks, values)
     return Remaining(
@@ -97,7 +97,7 @@ def remaining_beside(base: Baseline, causes: Sequence[Cause], fit: SettledFit, o
         alternatives=alternatives,
         beaten=beaten,
         law_trials=trials,
-        anew=foretold(among, fits, values, np.repeat(base.rows.pose, 3)) if trials else 0.0,
+        anew=foretold([b.columns for _, b in among], fits, values, np.repeat(base.rows.pose, 3)) if trials else 0.0,
         race=found.race,
     )
 

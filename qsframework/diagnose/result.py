@@ -156,18 +156,21 @@ class Alike:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LearnedLaw:
-    """A law that was learned where no cause of the library explains the readings.
+    """The average of the likeliest laws where no cause of the library explains the readings.
 
-    cause: its effect and weights; leftover: by which evidence; s: visible size in units of noise; fit: exact, beside
-    the certain names; before, heldout: RMS per axis, m, at held-out poses without and with it; gain: 1 - the one / the
-    other, in the noise; clear: by how many of its standard errors over the poses that lies above nothing; anew: the
-    same where each fold chooses its law anew; physical: whether all values of the fit lie within their bounds; alike:
-    causes of the library that it looks like, the likest first
+    causes: effects and weights of the laws, the plainest first, and their shares; leftover: the evidence of the
+    plainest; s: visible size in units of noise; alone: the exact fit with the plainest, beside the certain names; fit:
+    the average; before, heldout: RMS per axis, m, at held-out poses without and with it; gain: 1 - the one / the other,
+    in the noise; clear: by how many of its standard errors over the poses that lies above nothing; anew: the same where
+    each fold averages its laws anew; physical: whether all values of the fit with the plainest lie within their bounds;
+    alike: causes of the library that it looks like, the likest first
     """
 
-    cause: Cause
+    causes: tuple[Cause, ...]
+    shares: tuple[float, ...]
     leftover: Leftover
     s: float
+    alone: SettledFit
     fit: SettledFit
     before: float
     heldout: float
@@ -178,6 +181,11 @@ class LearnedLaw:
     alike: tuple[Alike, ...] = ()
 
     @property
+    def cause(self) -> Cause:
+        """The plainest."""
+        return self.causes[0]
+
+    @property
     def name(self) -> str:
         return self.cause.name
 
@@ -185,7 +193,7 @@ class LearnedLaw:
     def holds(self) -> bool:
         """Whether held-out poses are clearly predicted better with it, all values being possible: else it is not
         written."""
-        return min(self.clear, self.anew) >= _CLEAR and self.physical
+        return min(self.clear, self.anew) >= _CLEAR and self.physical and self.s > 0.0
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -77,6 +77,8 @@ class Effect(ABC):
     """Whether the law itself, not only what it is asked at, differs between a pose's loaded and unloaded state."""
     slides: ClassVar[bool] = False
     """Whether the law also holds at a joint that slides, in its units; else it is refused and not offered there."""
+    whole: ClassVar[bool] = False
+    """Whether its values belong together, so that a file which states one states all."""
     role: ClassVar[str] = ""
     """What the effect is to the rest of the arm, such as "gear": by it others refer to effects, never by a name."""
 

@@ -70,7 +70,7 @@ def extension_of(diagnosis: Diagnosis, day: FollowUp | None = None, *, doubtful:
     if learned is not None and learned.holds:
         said = f"learned: s = {learned.s:.1f}, p = {learned.leftover.p_value:.2g}"
         said += f", held-out gain {100 * learned.gain:.0f} %{made_of}; no cause of the library"
-        evidence.update(dict.fromkeys(learned.cause.names, said))
+        evidence.update({name: said for cause in learned.causes for name in cause.names})
     proved = adopted(diagnosis.conventions)
     structure = next((c for c in proved if c.structure), None)
     if structure is not None:

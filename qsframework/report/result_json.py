@@ -114,7 +114,8 @@ def _learned(found: Diagnosis, x: LearnedLaw) -> dict[str, Any]:
         "heldout_gain": _number(x.gain),
         "heldout_clear": _number(x.clear),
         "heldout_mm": _space(found, x.heldout),
-        "weights": {name: _number(x.fit.value(name)) for name in x.cause.names},
+        "weights": {name: _number(x.alone.value(name)) for name in x.cause.names},
+        "averaged": [{"id": c.name, "share": _number(share)} for c, share in zip(x.causes, x.shares, strict=True)],
         "looks_like": [
             {
                 "id": a.name,

@@ -125,13 +125,27 @@ def read_nominal(
     for effect in effects if not problems else ():
         own = [out[p.name] for p in effect.parameters(facts)]
         stated = [p.name for p in own if p.name in document.data]
+        if not stated:
+            continue
         try:
-            if stated:
-                effect.validate_values(np.array([p.nominal for p in own]), facts)
+            if effect.whole and len(stated) < len(own):
+                raise InputError(_incomplete(effect, own, stated))
+            effect.validate_values(np.array([p.nominal for p in own]), facts)
         except InputError as error:
             here: ProblemPlace = {"file": str(document.path), "line": document.line(stated[0])}
             problems += [replace(p, **here) for p in error.problems]
     return out, problems
+
+
+def _incomplete(effect: Effect, own: Sequence[Parameter], stated: Sequence[str]) -> Problem:
+    """That a file states some values of an effect whose values belong together, and not the others."""
+    missing = [p.name for p in own if p.name not in stated]
+    return Problem(
+        f"{effect.name}: a value is missing for {', '.join(missing)}",
+        found=f"{len(stated)} values",
+        allowed=f"{len(own)}, as the effect's settings say",
+        hint="All values of this effect belong together; take the file that was written with it.",
+    )
 
 
 def nominal_entry(p: Parameter, value: float, sd: float | None, source: str) -> dict[str, Any]:

@@ -60,16 +60,20 @@ class Search:
     largest: int
 
 
-def folds(pose: Indices, seed: int, repeats: int = REPEATS) -> Iterator[Indices]:
-    """Scalars (k,) held out together: whole poses, K folds, repeated with other cuts."""
-    poses = np.unique(pose)
+def folds(pose: Indices, seed: int, repeats: int = REPEATS) -> list[Indices]:
+    """For each repeat the fold (m,) of every scalar: whole poses, K folds, repeated with other cuts; up to some poses
+    each by itself, once."""
+    poses, own = np.unique(pose, return_inverse=True)
     if len(poses) <= LEAVE_ONE_OUT:
-        for p in poses:
-            yield np.flatnonzero(pose == p)
-        return
+        return [own.astype(np.intp)]
     rng = np.random.default_rng(seed)
+    out: list[Indices] = []
     for _ in range(repeats):
-        yield from _parts(pose, rng.permutation(poses), FOLDS)
+        label = np.empty(len(pose), dtype=np.intp)
+        for n, test in enumerate(_parts(pose, rng.permutation(poses), FOLDS)):
+            label[test] = n
+        out.append(label)
+    return out
 
 
 def parts_of_poses(pose: Indices, parts: int) -> Iterator[Indices]:
@@ -98,31 +102,42 @@ def held_out(
     named causes' (`members`), used in folds that choose these; alike: for each member the causes that count as the
     same; how: None: every fold takes the named causes, without a search, as where they are far from linear
     """
-    rounds = 1 if len(np.unique(case.pose)) <= LEAVE_ONE_OUT else repeats
-    identified, extended = np.zeros((rounds, len(case.pose))), np.zeros((rounds, len(case.pose)))
-    same: list[bool] = []
-    for n, test in enumerate(folds(case.pose, seed, repeats)):
-        at = n // FOLDS if rounds > 1 else 0
-        fold = np.full(len(case.pose), -1)
-        fold[test] = 0
-        identified[at, test] = case.held_out_errors(case.A, fold)[test]
-        chosen = tuple(members) if how is None else _choose(case, np.flatnonzero(fold < 0), how)
-        again = _matches(chosen, alike)
-        of, columns = (closing, closing.A) if closing is not None and again else (case, case.beside(chosen))
-        extended[at, test] = of.held_out_errors(columns, fold)[test]
-        same.append(again)
-    gain = 1.0 - float(np.linalg.norm(extended) / max(np.linalg.norm(identified), 1e-300))
-    poses, cut = len(np.unique(case.pose)), 0 if len(np.unique(case.pose)) <= LEAVE_ONE_OUT else repeats
-    clear = standard_errors(identified, extended, case.pose)
-    plain = [case.noise.colour(white.T).T for white in (identified, extended)]
+    labels = folds(case.pose, seed, repeats)
+    identified = np.stack([case.held_out_errors(case.A, label) for label in labels])
+    extended, same = np.zeros(identified.shape), list[bool]()
+    for at, label in enumerate(labels):
+        count = int(label.max()) + 1
+        chosen = [
+            tuple(members) if how is None else _choose(case, np.flatnonzero(label != f), how) for f in range(count)
+        ]
+        same += [_matches(own, alike) for own in chosen]
+        for own in set(chosen):
+            here = np.isin(label, [f for f in range(count) if chosen[f] == own])
+            again = closing is not None and _matches(own, alike)
+            of, columns = (closing, closing.A) if closing is not None and again else (case, case.beside(own))
+            extended[at, here] = of.held_out_errors(columns, np.where(here, label, -1))[here]
+    return _judged(case, identified, extended, float(np.mean(same)))
+
+
+def held_out_average(case: Case, cases: Sequence[tuple[float, Case]], seed: int = 0, repeats: int = REPEATS) -> HeldOut:
+    """Errors at poses that the fits have not seen: of a case, and of the average of other cases by their shares."""
+    labels = folds(case.pose, seed, repeats)
+    identified = np.stack([case.held_out_errors(case.A, label) for label in labels])
+    extended = sum(share * np.stack([own.held_out_errors(own.A, label) for label in labels]) for share, own in cases)
+    return _judged(case, identified, np.asarray(extended), 1.0)
+
+
+def _judged(case: Case, identified: Array, extended: Array, same: float) -> HeldOut:
+    """What whitened errors (repeats, m) come to."""
+    poses = len(np.unique(case.pose))
     return HeldOut(
-        identified=plain[0],
-        extended=plain[1],
-        gain=gain,
-        clear=clear,
+        identified=case.noise.colour(identified.T).T,
+        extended=case.noise.colour(extended.T).T,
+        gain=1.0 - float(np.linalg.norm(extended) / max(np.linalg.norm(identified), 1e-300)),
+        clear=standard_errors(identified, extended, case.pose),
         poses=poses,
-        repeats=cut,
-        same=float(np.mean(same)),
+        repeats=0 if poses <= LEAVE_ONE_OUT else len(identified),
+        same=same,
     )
 
 

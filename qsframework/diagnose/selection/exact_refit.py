@@ -95,25 +95,59 @@ def _weakly(model: Model, names: Sequence[str]) -> dict[str, float]:
 
 
 def _settled(seen: ObservationModel, priors: dict[str, float]) -> SettledFit:
-    rows, observations = seen.rows, seen.observations()
+    observations = seen.observations()
     pulls = {p.name: p.pull for p in seen.parameters if p.pull is not None}
     if priors or pulls:
         sds = pulls | priors
         held = np.array([1.0 / sds[p.name] if p.name in sds else 0.0 for p in seen.parameters])
         observations = replace(observations, held=held)
     found = solve(observations, _PLAIN, seen.start, tolerance=_CLOSE)
+    return _fit_at(seen, found.x, found.covariance, found.residuals, found.jacobian)
+
+
+def _fit_at(seen: ObservationModel, z: Array, covariance: Array, residuals: Array, jacobian: Array) -> SettledFit:
+    """The fit at values z (p,), frames first, with whitened residuals (m,) and sensitivities (m, p) there."""
+    rows, k = seen.rows, seen.motions
     white = np.zeros(rows.measured.size)
-    jacobian = np.zeros((len(white), found.jacobian.shape[1]))
-    white[rows.at], jacobian[rows.at] = found.residuals, found.jacobian
-    k = seen.motions
+    columns = np.zeros((len(white), jacobian.shape[1]))
+    white[rows.at], columns[rows.at] = residuals, jacobian
     return SettledFit(
         model=seen.model,
         names=seen.names,
-        frames=seen.moved(found.x),
-        x=seen.values(found.x),
-        covariance=found.covariance[k:, k:],
+        frames=seen.moved(z),
+        x=seen.values(z),
+        covariance=covariance[k:, k:],
         residuals=rows.padded_noise.colour(white).reshape(rows.measured.shape),
         white=white,
-        jacobian=jacobian,
+        jacobian=columns,
         chi2=float(white @ white),
     )
+
+
+def averaged_fit(
+    model: Model, names: Sequence[str], rows: ReadingRows, fits: Sequence[tuple[float, SettledFit]]
+) -> SettledFit:
+    """The average of fits of the same readings by shares, as one fit of a model that holds the effects of all.
+
+    A parameter that a fit does not have counts as vanishing there. Its covariance is that of the fits and of what they
+    differ by:
+
+        C = sum_k w_k (C_k + (x_k - x) (x_k - x)')
+    """
+    start = model.nominal
+    known = [(share, fit, fit.by_name()) for share, fit in fits]
+    each = [np.array([own.get(n, v) for n, v in zip(model.names, start, strict=True)]) for _, _, own in known]
+    x = np.asarray(sum(share * values for (share, _), values in zip(fits, each, strict=True)))
+    at, place = model.index(list(names)), {n: i for i, n in enumerate(names)}
+    covariance = np.zeros((len(names), len(names)))
+    for (share, fit), values in zip(fits, each, strict=True):
+        away = (values - x)[at]
+        covariance += share * np.outer(away, away)
+        own = [place[n] for n in fit.names]
+        covariance[np.ix_(own, own)] += share * fit.covariance
+    seen = ObservationModel(model, rows, rows.start(model, x), x, tuple(names))
+    observations = seen.observations()
+    predicted, J = seen.rates(seen.start)
+    white = observations.noise.whiten(observations.measured - predicted)
+    padded = np.pad(covariance, ((seen.motions, 0), (seen.motions, 0)))
+    return _fit_at(seen, seen.start, padded, white, observations.noise.whiten(J))

@@ -215,10 +215,13 @@ def learned_words(learned: LearnedLaw, errors: Errors) -> str:
     if not learned.holds:
         why = "the held-out error is not clearly smaller" if learned.physical else "a value leaves its bounds"
         return f"{what}, but {why} with it: it is not written."
+    others = len(learned.causes) - 1
+    average = f", averaged with {others} other likely law{'s' if others > 1 else ''}"
     return (
-        f"{what} (s = {learned.s:.1f}): held-out error {mm(errors.in_space(learned.before))} \u2192 "
-        f"{mm(errors.in_space(learned.heldout))} mm (3D RMS), {100 * learned.gain:.0f} % less in the noise that was "
-        "found. It is an empirical correction, not a physical explanation."
+        f"{what}{average if others else ''} (s = {learned.s:.1f}): held-out error "
+        f"{mm(errors.in_space(learned.before))} \u2192 {mm(errors.in_space(learned.heldout))} mm (3D RMS), "
+        f"{100 * learned.gain:.0f} % less in the noise that was found. It is an empirical correction, not a physical "
+        "explanation."
     )
 
 
