@@ -26,7 +26,7 @@ from qsframework.applications.importers.mapping import MappingSpec
 from qsframework.applications.task import CampaignSpec, MapSpec, PointSpec, TaskSpec
 from qsframework.diagnose import diagnose
 from qsframework.estimation import Interval
-from qsframework.experiment import Frame, example, load_experiment, plan, readings_table, spec as e
+from qsframework.experiment import Frame, example, load_experiment, plan, read_readings, readings_table, spec as e
 from qsframework.experiment.account import Account
 from qsframework.experiment.columns import Column
 from qsframework.files import FileModel, FileRecord, Unit, fields, measured
@@ -92,8 +92,8 @@ def tables() -> dict[str, list[Column]]:
     experiment = load_experiment(example("m900ib") / "experiment.yaml")
     return {
         "plan.csv": plan._columns(experiment),
-        "readings.csv": readings_table._columns(experiment, False, False),
-        "readings.csv of states": readings_table._columns(experiment, True, False),
+        "readings.csv": readings_table.displacement_columns(experiment),
+        "readings.csv of states": readings_table.state_columns(experiment),
         "targets.csv": targets._columns(experiment),
     }
 
@@ -205,7 +205,7 @@ def written() -> dict[str, dict[str, Any]]:
     experiment = load_experiment(example("m900ib") / "table5.yaml")
     poses = plan.read_poses(example("m900ib") / "table5.csv", experiment)
     real = load_experiment(example("r2000ic") / "experiment.yaml")
-    diagnosis = diagnosis_json(diagnose(real, readings_table.read_readings(example("r2000ic") / "readings.csv", real)))
+    diagnosis = diagnosis_json(diagnose(real, read_readings(example("r2000ic") / "readings.csv", real)))
     with TemporaryDirectory() as folder:
         table = Path(folder) / "plan.csv"
         plan.write_plan(table, replace(plan.make_plan(poses, ["weight"] * len(poses)), seed=0), experiment)

@@ -17,6 +17,8 @@ __all__ = [
     "Problem",
     "QsfError",
 ]
+MOST_PROBLEMS = 1000
+"""Problems of one kind that are told of one table; a wrong column would give one for each row."""
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
@@ -80,6 +82,12 @@ class InputError(QsfError):
             problems = (problems,)
         self.problems: tuple[Problem, ...] = tuple(problems)
         super().__init__("\n".join(str(problem) for problem in self.problems))
+
+
+def refuse(problems: Sequence[Problem]) -> None:
+    """InputError with all these problems, where there are any."""
+    if problems:
+        raise InputError(problems[:MOST_PROBLEMS])
 
 
 class NotIdentifiable(QsfError):

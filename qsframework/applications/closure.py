@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from qsframework.errors import InputError
+from qsframework.errors import refuse
 from qsframework.estimation.tails import chi2_sf
 from qsframework.experiment import Experiment, Readings, differences
-from qsframework.experiment.columns import Column, read_table
+from qsframework.experiment.columns import XYZ, Column, read_table
 from qsframework.plugin import Array
 
 LEVEL = 1e-3
@@ -280,12 +280,11 @@ def _floor(experiment: Experiment, path: Path, sigma: float | None) -> ClosureCh
         Column("repeat", "count"),
         Column("reflector", "text", required=True),
         Column("time", "number", "s", blank=True),
-        *(Column(c, "number", "m", required=True, blank=True) for c in ("x", "y", "z")),
+        *(Column(c, "number", "m", required=True, blank=True) for c in XYZ),
     ]
     table = read_table(path, columns, experiment.robot.name)
-    if table.problems:
-        raise InputError(table.problems)
-    place = np.stack([table.numbers[c] for c in ("x", "y", "z")], axis=1)
+    refuse(table.problems)
+    place = table.columns(XYZ)
     shifts: list[float] = []
     where: list[str] = []
     seen: dict[str, list[Array]] = {}

@@ -18,7 +18,7 @@ from qsframework.applications.programme import check_plan, load_name, payload_no
 from qsframework.arguments import checked
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment, Plan
-from qsframework.experiment.columns import joint_cells, number, write_table
+from qsframework.experiment.columns import WRENCH_NAMES, joint_cells, number, write_table
 from qsframework.experiment.stations import seen_markers
 from qsframework.plugin import Array
 from qsframework.units import JointUnits
@@ -176,7 +176,7 @@ def _states(load: str, wrench: Array, cycles: int, half: bool) -> tuple[Protocol
 
 def write_reading_file(path: Path, protocol: Protocol) -> None:
     """The table to fill in: one row per state and marker in the order of reading; no position, time or temperature."""
-    header = ["pose", *protocol.units.names(), "fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm"]
+    header = ["pose", *protocol.units.names(), *WRENCH_NAMES]
     header += ["marker", "state", "x_mm", "y_mm", "z_mm", "load_id", *(["series"] if protocol.stations else [])]
     header += ["repeat", "cycle", "use"]
     header += ["time_s", "temperature_degC", "drive_state"]

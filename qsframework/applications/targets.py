@@ -19,19 +19,18 @@ import numpy as np
 from qsframework.applications.inverse import TipPose, find_joints, rigid_tip
 from qsframework.applications.stiffness import check_asked
 from qsframework.arguments import checked
-from qsframework.errors import InputError, Problem
+from qsframework.errors import InputError, Problem, refuse
 from qsframework.experiment import Experiment
-from qsframework.experiment.columns import Column, Table, read_table
+from qsframework.experiment.columns import WRENCH, XYZ, Column, Table, force_columns, joint_stems, read_table
 from qsframework.experiment.plan import joint_columns
-from qsframework.experiment.readings_table import no_load
+from qsframework.experiment.plausible_readings import no_load
 from qsframework.files.documents import nearest_file
 from qsframework.plugin import Array
 from qsframework.plugin.facts import frozen
 from qsframework.viewed import Viewed
 
-_XYZ, _TURNS = ("x", "y", "z"), ("rx", "ry", "rz")
+_TURNS = ("rx", "ry", "rz")
 _QUATERNION = ("quat_w", "quat_x", "quat_y", "quat_z")
-_WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 _TABLE = "Targets are joint angles q1_deg, ... or x_mm, y_mm, z_mm with rx_deg, ry_deg, rz_deg; and fx_N, fy_N, fz_N."
 Tell = Callable[[str, int, int], None]
 _SEED = 0
@@ -122,20 +121,18 @@ def read_targets(path: str | Path, experiment: Experiment, tell: Tell | None = N
     if not path.exists():
         raise InputError(Problem("no such file", file=str(path), hint=f"{nearest_file(path) or ''} {_TABLE}".strip()))
     table = read_table(path, _columns(experiment), robot.name)
-    if any(table.numbers.get(c, np.zeros(1)).any() for c in _WRENCH):
+    wrench = table.columns(WRENCH, 0.0)
+    if wrench.any():
         no_load(table, experiment)
     problems = list(table.problems)
-    cartesian = any(stem in table.numbers for stem in (*_XYZ, *_TURNS, *_QUATERNION))
-    joints = [f"q{k + 1}" for k in range(robot.controller.axes)]
+    cartesian = any(stem in table.numbers for stem in (*XYZ, *_TURNS, *_QUATERNION))
+    joints = joint_stems(robot.controller.axes)
     _complete(table, joints, cartesian)
-    pendant = np.stack([table.numbers[j] for j in joints], axis=1) if joints[0] in table.numbers else None
-    zero = np.zeros(len(table.rows))
-    wrench = np.stack([table.numbers.get(c, zero) for c in _WRENCH], axis=1)
+    pendant = table.columns(joints) if joints[0] in table.numbers else None
     problems += _capacity(table, wrench, experiment)
     names = table.texts.get("target", [f"t{i + 1:02d}" for i in range(len(table.rows))])
     wanted = _poses(table, problems) if cartesian else None
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     if wanted is None:
         assert pendant is not None
         made = joint_targets(experiment, pendant, wrench)
@@ -158,18 +155,17 @@ def _columns(experiment: Experiment) -> list[Column]:
     return [
         Column("target", "text"),
         *joint_columns(experiment, required=False),
-        *(Column(c, "number", "m") for c in _XYZ),
+        *(Column(c, "number", "m") for c in XYZ),
         *(Column(c, "number", "rad") for c in _TURNS),
         *(Column(c, "number") for c in _QUATERNION),
-        *(Column(f, "number", "N", required=experiment.has_load) for f in _WRENCH[:3]),
-        *(Column(m, "number", "N m") for m in _WRENCH[3:]),
+        *force_columns(required=experiment.has_load),
     ]
 
 
 def _complete(table: Table, joints: list[str], cartesian: bool) -> None:
     """InputError where a joint or a part of the pose is missing."""
     given = table.numbers
-    groups = [(joints, not cartesian), (_XYZ, cartesian)]
+    groups = [(joints, not cartesian), (XYZ, cartesian)]
     groups += [(_QUATERNION, False)] if not any(s in given for s in _TURNS) else [(_TURNS, True)]
     missing = [
         s for stems, needed in groups if needed or any(t in given for t in stems) for s in stems if s not in given
@@ -186,25 +182,17 @@ def _poses(table: Table, problems: list[Problem]) -> TipPose:
     """The wanted poses."""
     from scipy.spatial.transform import Rotation
 
-    position = np.stack([table.numbers[c] for c in _XYZ], axis=1)
+    position = table.columns(XYZ)
     if _QUATERNION[0] in table.numbers:
         w, x, y, z = (table.numbers[c] for c in _QUATERNION)
         size = np.sqrt(w**2 + x**2 + y**2 + z**2)
-        for i in np.flatnonzero(~(np.abs(size - 1.0) < 1e-3)):
-            problems.append(
-                Problem(
-                    "a quaternion of a rotation has length 1",
-                    str(table.path),
-                    table.rows[i],
-                    "quat_w",
-                    found=f"{size[i]:.4g}",
-                )
-            )
+        for i in map(int, np.flatnonzero(~(np.abs(size - 1.0) < 1e-3))):
+            problems.append(table.problem(i, "quat_w", "a quaternion of a rotation has length 1", f"{size[i]:.4g}"))
         quaternion = np.stack([x, y, z, np.where(np.isfinite(w), w, 1.0)], axis=1)
         quaternion = np.where((size > 0)[:, None], np.nan_to_num(quaternion), [0.0, 0.0, 0.0, 1.0])
         turn = Rotation.from_quat(quaternion).as_matrix()
     else:
-        angles = np.nan_to_num(np.stack([table.numbers[c] for c in _TURNS], axis=1))
+        angles = np.nan_to_num(table.columns(_TURNS))
         turn = Rotation.from_euler("xyz", angles).as_matrix()
     return TipPose(position, turn)
 
@@ -215,18 +203,9 @@ def _capacity(table: Table, wrench: Array, experiment: Experiment) -> list[Probl
         return []
     force, most = np.linalg.norm(wrench[:, :3], axis=1), robot.payload * float(np.linalg.norm(robot.gravity))
     hint = "A load meant to be heavier needs constraints: {load_capacity: false} in the experiment."
-    return [
-        Problem(
-            "the force is more than the robot's payload",
-            str(table.path),
-            table.rows[i],
-            "fx",
-            found=f"{force[i]:.0f} N",
-            allowed=f"{robot.payload:g} kg, {most:.0f} N",
-            hint=hint,
-        )
-        for i in np.flatnonzero(force > most)
-    ]
+    message, allowed = "the force is more than the robot's payload", f"{robot.payload:g} kg, {most:.0f} N"
+    rows = np.flatnonzero(force > most)
+    return [table.problem(i, "fx", message, f"{force[i]:.0f} N", allowed, hint) for i in map(int, rows)]
 
 
 def _joints(
@@ -253,8 +232,7 @@ def _joints(
             last = found.pendant
         out.append(found.pendant)
     tell("joint angles", len(wanted), len(wanted))
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return np.stack(out)
 
 

@@ -18,11 +18,8 @@ from .plan import (
     write_plan as write_plan,
 )
 from .readings import Readings as Readings, States as States
-from .readings_table import (
-    holds_states as holds_states,
-    read_readings as read_readings,
-    write_readings as write_readings,
-)
+from .readings_file import read_readings as read_readings
+from .readings_table import holds_states as holds_states, write_readings as write_readings
 from .setup import (
     Experiment as Experiment,
     LoadCase as LoadCase,

@@ -6,23 +6,22 @@ import csv
 import io
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from qsframework import plausible, units
-from qsframework.errors import InputError, Problem, nearest
+from qsframework.errors import MOST_PROBLEMS, InputError, Problem, nearest
 from qsframework.files import read_text, write_text
 from qsframework.files.documents import DECIMAL
-from qsframework.plugin import Array
+from qsframework.plugin import Array, Indices
 
 LARGEST, MOST_LINES, MOST_COLUMNS = 50_000_000, 200_000, 1000
 """Bytes, lines and columns of a table."""
-MOST_PROBLEMS = 1000
-"""Problems of one kind that are told of one table; a wrong column would give one for each row."""
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1b\x1f\x7f-\x84\x86-\x9f]")
 """Characters that a terminal obeys instead of showing them."""
 _ENDS = ("\n", "\r", "\v", "\f", "\x1c", "\x1d", "\x1e", "\x85", "\u2028", "\u2029")
@@ -32,6 +31,10 @@ _GREATEST = 1e15
 _TRUE, _FALSE = ("1", "true", "yes"), ("0", "false", "no")
 _LONGEST, _SHOWN = 200, 60
 """Characters of a name, and of a cell that is shown."""
+XYZ, FORCE, MOMENT = ("x", "y", "z"), ("fx", "fy", "fz"), ("mx", "my", "mz")
+WRENCH = (*FORCE, *MOMENT)
+WRENCH_NAMES = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
+"""How a wrench is written."""
 _MEASURED = ("dx", "dy", "dz", "x", "y", "z", "gauge", "ux", "uy", "uz", "sigma")
 """Columns that may hold anything in a row that is masked (use = 0): that is why it is masked."""
 
@@ -83,6 +86,58 @@ class Table:
     numbers: dict[str, Array]
     texts: dict[str, list[str]]
     problems: list[Problem]
+
+    def column(self, stem: str, missing: float = math.nan) -> Array:
+        """Numbers (R,) of a column, `missing` in all rows where the table does not have it."""
+        return self.numbers.get(stem, np.full(len(self.rows), missing))
+
+    def columns(self, stems: Sequence[str], missing: float = math.nan) -> Array:
+        """Numbers (R, n) of several columns."""
+        return np.stack([self.column(stem, missing) for stem in stems], axis=1)
+
+    def text(self, stem: str) -> list[str]:
+        """Words (R,) of a column, "" in all rows where the table does not have it."""
+        return self.texts.get(stem, [""] * len(self.rows))
+
+    def counts(self, stem: str) -> list[int]:
+        """Whole numbers (R,) of a column, 1 where nothing stands."""
+        return np.nan_to_num(self.column(stem), nan=1.0).astype(int).tolist()
+
+    def problem(
+        self,
+        i: int,
+        stem: str,
+        message: str,
+        found: str | None = None,
+        allowed: str | None = None,
+        hint: str | None = None,
+    ) -> Problem:
+        """A problem in row i, in the column of this stem."""
+        name = self.names.get(stem, stem)
+        return Problem(message, str(self.path), self.rows[i], name, found=found, allowed=allowed, hint=hint)
+
+    def each(self, wrong: npt.NDArray[np.bool_], stem: str, message: str, hint: str | None = None) -> list[Problem]:
+        """The same problem in each of the rows (R,) that are wrong."""
+        rows = np.flatnonzero(wrong)[:MOST_PROBLEMS].tolist()
+        return [self.problem(i, stem, message, hint=hint) for i in rows]
+
+
+def joint_stems(joints: int) -> list[str]:
+    """q1, q2, ..."""
+    return [f"q{k + 1}" for k in range(joints)]
+
+
+def force_columns(required: bool, blank: bool = False) -> list[Column]:
+    """Columns of a force and of a moment, which may always be missing."""
+    forces = [Column(f, "number", "N", required=required, blank=blank) for f in FORCE]
+    return [*forces, *(Column(m, "number", "N m", blank=blank) for m in MOMENT)]
+
+
+def numbered(keys: Sequence[Hashable]) -> tuple[Indices, Indices]:
+    """Number of each key, in the order of their first rows, and these rows."""
+    number: dict[Hashable, int] = {}
+    group = np.array([number.setdefault(key, len(number)) for key in keys], dtype=np.intp)
+    return group, np.unique(group, return_index=True)[1]
 
 
 def check_ours(path: Path, allowed: str) -> None:
@@ -161,8 +216,6 @@ def make_table(
             name = table.names[column.stem]
             if (wrong := column.whole(table.numbers, name)) is not None:
                 problems.append(replace(wrong[1], file=str(path), line=table.rows[wrong[0]], column=name))
-    maskable = any(c.stem == "use" for c in columns)
-    problems += _unfilled(table, [(i, c) for i, (c, _) in chosen.items()], good, masked, maskable)
     if len(problems) > MOST_PROBLEMS:
         raise InputError(problems)
     return table
@@ -180,33 +233,6 @@ def _odd_rows(path: Path, parsed: Sequence[tuple[int, Sequence[str]]]) -> list[P
     line, cells = odd[0]
     message = f"wrong number of columns{many}"
     return [Problem(message, str(path), line, found=str(len(cells)), allowed=str(width), hint=hint)]
-
-
-def _unfilled(
-    table: Table,
-    columns: list[tuple[int, Column]],
-    rows: list[tuple[int, Sequence[str]]],
-    masked: set[int],
-    maskable: bool,
-) -> list[Problem]:
-    """One problem for all rows in which something that is measured is still empty."""
-    wanted = [(i, c) for i, c in columns if c.stem in _MEASURED and not c.blank and c.stem in table.numbers]
-    empty = [
-        (line, c.stem)
-        for r, (line, cells) in enumerate(rows)
-        if r not in masked
-        for i, c in wanted
-        if not cells[i].strip()
-    ]
-    lines = list(dict.fromkeys(line for line, _ in empty))
-    if not lines:
-        return []
-    many = f"{len(lines)} rows are not filled in, of which this is the first"
-    message = many if len(lines) > 1 else "this row is not filled in"
-    hint = "Fill in what was measured; put 0 in the column use of a row that was not." if maskable else "Fill it in."
-    return [
-        Problem(message, str(table.path), lines[0], table.names[empty[0][1]], found="''", allowed="a number", hint=hint)
-    ]
 
 
 def table_lines(path: Path) -> list[str]:
@@ -327,8 +353,8 @@ def _read_column(table: Table, column: Column, unit: str, cells: list[str], mask
         far = plausible.beyond(float(units.to_si(value, unit)), column.unit) if judged else None
         if far is not None:
             value, allowed = None, plausible.allowed(far, column.unit, unit)
-        if value is None and column.stem in _MEASURED and (i in masked or not cell):
-            continue  # a cell that nobody filled in is told once for the table
+        if value is None and column.stem in _MEASURED and i in masked:
+            continue
         if value is None:
             _wrong(table, i, column, "cannot be used", cell, allowed)
         else:
@@ -378,17 +404,8 @@ def _wrong(table: Table, i: int, column: Column, message: str, found: str, allow
         return
     nothing = column.stem in _MEASURED and found.lower() in _NOTHING
     hint = "Leave the cell empty, or put 0 in the column use of a row that was not measured." if nothing else None
-    table.problems.append(
-        Problem(
-            message,
-            str(table.path),
-            table.rows[i],
-            table.names[column.stem],
-            found=repr(found if len(found) <= _LONGEST else f"{found[:_SHOWN]}..."),
-            allowed=allowed,
-            hint=hint,
-        )
-    )
+    shown = repr(found if len(found) <= _LONGEST else f"{found[:_SHOWN]}...")
+    table.problems.append(table.problem(i, column.stem, message, shown, allowed, hint))
 
 
 def strength_problems(table: Table, wrench: Array, payload: float | None, gravity: Array) -> list[Problem]:
@@ -400,8 +417,8 @@ def strength_problems(table: Table, wrench: Array, payload: float | None, gravit
         if far is not None and len(out) < MOST_PROBLEMS:
             allowed = f"up to {far[1]:.0f} N, {plausible.LOADS:g} times the robot's payload"
             message = "no test of an arm applies this force; is the column's unit right?"
-            name = next((table.names[c] for c in ("fz", "fx", "fy") if c in table.names), None)
-            out.append(Problem(message, str(table.path), table.rows[i], name, found=f"{far[0]:.0f} N", allowed=allowed))
+            stem = next((c for c in ("fz", "fx", "fy") if c in table.names), "fz")
+            out.append(table.problem(i, stem, message, f"{far[0]:.0f} N", allowed))
     return out
 
 

@@ -6,11 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
-from qsframework.errors import InputError, Problem
-from qsframework.experiment.columns import MOST_PROBLEMS
-from qsframework.experiment.readings import KINDS, Readings
+from qsframework.errors import MOST_PROBLEMS, InputError, Problem, refuse
+from qsframework.experiment.reading_rows import MeasuredRows
+from qsframework.experiment.readings import KINDS, UNSTATED, Readings
 from qsframework.experiment.setup import Experiment
+from qsframework.plugin import Array
 
 _APART = 1.0
 """m: a displacement and the positions of one marker that contradict each other by more are not of one arm."""
@@ -39,12 +41,49 @@ def check_kinds(parts: Sequence[Part], whole: Readings, experiment: Experiment) 
     """InputError where noise that nobody states would weigh the kinds of readings or the files against each other,
     where a gauge has no zero, or where displacements and positions contradict each other."""
     _check_noise(parts, whole, experiment)
-    problems = [*_zeros(whole), *_contradictions(whole)]
-    if problems:
-        raise InputError(problems)
+    refuse([*_zeros(whole), *_contradictions(whole)])
 
 
-def which_sigma(experiment: Experiment, kinds: Sequence[str]) -> Problem:
+def row_sigmas(rows: MeasuredRows, experiment: Experiment) -> tuple[Array, bool]:
+    """sd (R,) m of one coordinate of each row, and whether it is stated; UNSTATED where nobody says anything."""
+    noise, own = experiment.noise, _far_sigma(rows, experiment)
+    here = list(dict.fromkeys(rows.kind.tolist()))
+    if noise.sigma is not None and not noise.apart and len(here) > 1 and np.isnan(own[rows.use]).any():
+        raise InputError(_which_sigma(experiment, here))
+    missing = unstated(rows, experiment) & np.isnan(own)
+    if missing.any() and not missing[rows.use].all():
+        i = int(np.flatnonzero(missing)[0])
+        message = f"{int(missing.sum())} readings have no sigma_mm and the experiment states no noise, others have one"
+        raise InputError(rows.table.problem(i, "sigma", message, hint="Give all of them or none."))
+    sigma = np.where(np.isnan(own), _known_sigma(rows, experiment), own)
+    sigma = np.where(np.isnan(sigma), UNSTATED, sigma)
+    stated = not missing.any() and (noise.sigma is not None or noise.apart)
+    return np.where(np.isnan(rows.sigma), rows.reads.sigma(sigma), sigma), stated
+
+
+def unstated(rows: MeasuredRows, experiment: Experiment) -> npt.NDArray[np.bool_]:
+    """Rows (R,) in use of which nobody states the sd."""
+    return rows.use & np.isnan(rows.sigma) & np.isnan(_known_sigma(rows, experiment))
+
+
+def _known_sigma(rows: MeasuredRows, experiment: Experiment) -> Array:
+    """sd (R,) m that the experiment states for each row, NaN where it states none."""
+    noise = experiment.noise
+    by_kind = {"displacement": noise.displacement, "position": noise.position, "gauge": noise.gauge}
+    stated = [by_kind[kind] if noise.apart else noise.sigma for kind in rows.kind.tolist()]
+    return np.array(stated, dtype=float)
+
+
+def _far_sigma(rows: MeasuredRows, experiment: Experiment) -> Array:
+    """sd (R,) m of rows, of positions that have none with what the distance from the tracker adds."""
+    near, slope = experiment.noise.of_position, experiment.noise.per_distance
+    if near is None or not slope:
+        return rows.sigma
+    far = near + slope * np.linalg.norm(rows.value, axis=1)
+    return np.where(np.isnan(rows.sigma) & (rows.kind == "position") & np.isfinite(far), far, rows.sigma)
+
+
+def _which_sigma(experiment: Experiment, kinds: Sequence[str]) -> Problem:
     """What is wrong with a sigma_mm that stands for several kinds of readings."""
     return Problem(
         "noise: sigma_mm does not say of which kind of reading it is",
@@ -63,7 +102,7 @@ def _check_noise(parts: Sequence[Part], whole: Readings, experiment: Experiment)
     bare = [p for p in parts if not p.own]
     kinds = tuple(k for k in KINDS if any(k in p.kinds for p in bare))
     if experiment.noise.sigma is not None and not experiment.noise.apart and len(kinds) > 1:
-        raise InputError(which_sigma(experiment, kinds))
+        raise InputError(_which_sigma(experiment, kinds))
     silent = [p for p in bare if not p.stated]
     if silent and len(silent) < len(parts):
         hint = f"State noise: {_keys(silent[0].kinds)} in the experiment, or give every row a sigma_mm."

@@ -14,13 +14,17 @@ import numpy.typing as npt
 import pydantic
 
 from qsframework.arguments import checked
-from qsframework.errors import InputError, Problem, nearest
+from qsframework.errors import InputError, Problem, nearest, refuse
 from qsframework.experiment.columns import (
-    MOST_PROBLEMS,
+    WRENCH,
+    WRENCH_NAMES,
     Column,
     Table,
+    force_columns,
     joint_cells,
+    joint_stems,
     number,
+    numbered,
     read_table,
     strength_problems,
     write_table,
@@ -178,8 +182,7 @@ def _columns(experiment: Experiment) -> list[Column]:
     return [
         Column("pose", "text", required=True),
         *joint_columns(experiment),
-        *(Column(f, "number", "N", required=True) for f in ("fx", "fy", "fz")),
-        *(Column(m, "number", "N m") for m in ("mx", "my", "mz")),
+        *force_columns(required=True),
         Column("load", "text"),
         Column("station", "text"),
         Column("repeats", "count"),
@@ -205,19 +208,7 @@ def write_plan(path: str | Path, plan: Plan, experiment: Experiment) -> None:
     if path.suffix == ".json":
         raise InputError(Problem("a plan is a table with its proof beside it in .json; name it .csv", file=str(path)))
     joints = experiment.robot.controller.units
-    header = [
-        "pose",
-        *joints.names(),
-        "fx_N",
-        "fy_N",
-        "fz_N",
-        "mx_Nm",
-        "my_Nm",
-        "mz_Nm",
-        "load",
-        *(["station"] if plan.station else []),
-        "repeats",
-    ]
+    header = ["pose", *joints.names(), *WRENCH_NAMES, "load", *(["station"] if plan.station else []), "repeats"]
     rows = [
         [
             plan.pose[i],
@@ -258,72 +249,58 @@ def read_plan(path: str | Path, experiment: Experiment) -> Plan:
     """
     path = Path(path)
     table = read_table(path, _columns(experiment), experiment.robot.name)
-    n = experiment.robot.controller.axes
-    pendant = np.stack([table.numbers[f"q{k + 1}"] for k in range(n)], axis=1)
-    names = table.texts["pose"]
+    pendant = table.columns(joint_stems(experiment.robot.controller.axes))
+    names, station = table.text("pose"), table.text("station")
+    wrench = table.columns(WRENCH, 0.0)
     problems = list(table.problems)
-    zero = np.zeros(len(names))
-    wrench = np.stack([table.numbers.get(c, zero) for c in ("fx", "fy", "fz", "mx", "my", "mz")], axis=1)
     problems += strength_problems(table, wrench, experiment.robot.payload, experiment.robot.gravity)
-    station = table.texts.get("station", [""] * len(names))
     problems += _repeated_poses(table, np.hstack([pendant, wrench]), station)
     problems += _station_problems(table, station, experiment)
     if not problems and not np.any(wrench) and not experiment.plans_positions:
         hint = "`positions: {}` in the experiment plans positions without a load."
         problems.append(Problem("every force is zero; nothing bends the arm", str(path), hint=hint))
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     certificate, criterion, seed = _proof(path)
-    repeats = table.numbers.get("repeats", np.ones(len(names))).astype(int)
     poses = Poses(pendant, experiment.robot.controller.to_joints(pendant), wrench)
-    load = table.texts.get("load", [""] * len(names))
+    load, repeats = table.text("load"), table.counts("repeats")
     units, robot = experiment.robot.controller.units, experiment.robot.name
-    return make_plan(poses, load, repeats.tolist(), criterion, certificate, seed, names, units, station, robot)
+    return make_plan(poses, load, repeats, criterion, certificate, seed, names, units, station, robot)
 
 
 def read_poses(path: str | Path, experiment: Experiment) -> Poses:
     """Read a list of poses, without loads: columns q1_deg, ...; InputError with all its problems."""
     path = Path(path)
-    n = experiment.robot.controller.axes
     columns = [dataclasses.replace(c, required=c.required and c.stem.startswith("q")) for c in _columns(experiment)]
     table = read_table(path, columns, experiment.robot.name)
-    pendant = np.stack([table.numbers[f"q{k + 1}"] for k in range(n)], axis=1)
-    if table.problems:
-        raise InputError(table.problems)
+    refuse(table.problems)
+    pendant = table.columns(joint_stems(experiment.robot.controller.axes))
     return Poses(pendant, experiment.robot.controller.to_joints(pendant), np.zeros((len(pendant), 6)))
 
 
 def _station_problems(table: Table, station: Sequence[str], experiment: Experiment) -> list[Problem]:
     """Stations that the experiment does not have."""
     known = [s.name for s in experiment.stations]
+    allowed = ", ".join(known) or "none: the experiment names no `stations`"
     return [
-        Problem(
-            f"no station {name!r}",
-            str(table.path),
-            table.rows[i],
-            "station",
-            allowed=", ".join(known) or "none: the experiment names no `stations`",
-            hint=nearest(name, known),
-        )
+        table.problem(i, "station", f"no station {name!r}", allowed=allowed, hint=nearest(name, known))
         for i, name in enumerate(station)
         if name and name not in known
-    ][:MOST_PROBLEMS]
+    ]
 
 
 def _repeated_poses(table: Table, constant: Array, station: Sequence[str]) -> list[Problem]:
     """Names, and poses with the same angles, load and station, that stand in a plan more than once."""
-    names: dict[str, int] = {}
-    states: dict[tuple[bytes, str], int] = {}
+    states = [(row.tobytes(), name) for row, name in zip(constant + 0.0, station, strict=True)]
+    names = table.text("pose")
+    first, same = (rows[group].tolist() for group, rows in map(numbered, (names, states)))
     problems: list[Problem] = []
-    for i, (name, row) in enumerate(zip(table.texts["pose"], constant + 0.0, strict=True)):
-        first, same = names.setdefault(name, i), states.setdefault((row.tobytes(), station[i]), i)
-        message = None
-        if first != i:
-            message = f"pose {name!r} stands here twice; first in line {table.rows[first]}"
-        elif same != i and np.isfinite(row).all():
-            message = f"pose {name!r} has the angles and the load of line {table.rows[same]}; use the column repeats"
-        if message:
-            problems.append(Problem(message, str(table.path), table.rows[i], "pose"))
+    for i, name in enumerate(names):
+        if first[i] != i:
+            message = f"pose {name!r} stands here twice; first in line {table.rows[first[i]]}"
+            problems.append(table.problem(i, "pose", message))
+        elif same[i] != i and np.isfinite(constant[i]).all():
+            message = f"pose {name!r} has the angles and the load of line {table.rows[same[i]]}; use the column repeats"
+            problems.append(table.problem(i, "pose", message))
     return problems
 
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from qsframework.errors import Problem
+from qsframework.errors import MOST_PROBLEMS, Problem
 from qsframework.estimation.tails import chi2_cdf
-from qsframework.experiment.columns import MOST_PROBLEMS, Table
+from qsframework.experiment.columns import Table, numbered
 from qsframework.plugin import Array, Indices
 
 _TOLD_APART = ("read", "sigma", "time", "temperature", "time_unloaded", "temperature_unloaded", "use")
@@ -48,10 +48,10 @@ def averaged(table: Table, measured: Sequence[str]) -> tuple[Table, Reads]:
     same = {stem: values for stem, values in table.numbers.items() if stem not in (*_TOLD_APART, *measured)}
     placed = [stem for stem in same if stem in ("repeat", "cycle", "ux", "uy", "uz")]
     keys = list(zip(*table.texts.values(), *(same[stem].tolist() for stem in placed), strict=True))
-    group, first = _numbered([tuple("nan" if v != v else v for v in key) for key in keys])
+    group, first = numbered([tuple("nan" if v != v else v for v in key) for key in keys])
     problems = [*table.problems, *_read_twice(table, group), *_elsewhere(table, same, group, first)]
     numbers = {stem: values[first] for stem, values in table.numbers.items() if stem != "read"}
-    use = table.numbers.get("use", np.ones(len(table.rows))) != 0
+    use = table.column("use", 1.0) != 0
     used = np.bincount(group, use, len(first)).astype(np.intp)
     reads = Reads(np.maximum(used, 1), *_spread([table.numbers[m] for m in measured if m in table.numbers], group, use))
     for stem in table.numbers:
@@ -77,18 +77,6 @@ def _spread(measured: Sequence[Array], group: Indices, use: Array) -> tuple[floa
         square += float(np.square(values[told] - mean[group[told]]).sum())
         freedom += int(told.sum()) - len(np.unique(group[told]))
     return (float(np.sqrt(square / freedom)), freedom) if freedom else (0.0, 0)
-
-
-def _numbered(keys: Sequence[Hashable]) -> tuple[Indices, Indices]:
-    """Number of each key, in the order of their first rows, and these rows."""
-    number: dict[Hashable, int] = {}
-    first: list[int] = []
-    group = np.zeros(len(keys), dtype=np.intp)
-    for i, key in enumerate(keys):
-        group[i] = number.setdefault(key, len(number))
-        if group[i] == len(first):
-            first.append(i)
-    return group, np.array(first, dtype=np.intp)
 
 
 def _mean(values: Array, group: Indices, use: Array, count: int) -> Array:

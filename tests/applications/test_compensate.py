@@ -293,7 +293,7 @@ def test_cartesian_targets_without_a_start(m900ib: Experiment, targets: Targets,
     ("header", "row", "words"),
     [
         ([*JOINTS, *FORCES], [0, 95, 0, 0, 40, 0, 0, 0, -1000], "line 2, column q2_deg: joint_2 is outside its limits"),
-        ([*JOINTS, *FORCES], [0, 0, 0, 0, 40, 0, 0, 0, -8000], "line 2, column fx: the force is more than .*700 kg"),
+        ([*JOINTS, *FORCES], [0, 0, 0, 0, 40, 0, 0, 0, -8000], "line 2, column fx_N: the force is more than .*700 kg"),
         ([*PLACE, *TURNS, *FORCES], [9000, 0, 0, 0, 0, 0, 0, 0, -1], "line 2: target 't01': no joint angles .*mm and"),
         ([*JOINTS[:5], *FORCES], [0, 0, 0, 0, 40, 0, 0, -1000], "missing: q6.* Targets are joint angles"),
         ([*PLACE, *FORCES], [2000, 0, 1000, 0, 0, -1000], "missing: rx_deg, ry_deg, rz_deg or quat_w"),

@@ -18,7 +18,7 @@ from qsframework.experiment import (
     read_readings,
     write_readings,
 )
-from qsframework.experiment.readings_table import suggested
+from qsframework.experiment.readings_file import suggested
 from qsframework.plugin import Poses
 
 BASE = """robot: fanuc_m900ib

@@ -13,7 +13,8 @@ from qsframework.errors import InputError
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Frame, Readings, load_experiment, make_plan, make_rows, simulate
 from qsframework.experiment.readings import KINDS, joined
-from qsframework.experiment.readings_table import read_readings, write_readings
+from qsframework.experiment.readings_file import read_readings
+from qsframework.experiment.readings_table import write_readings
 from qsframework.identify import identify
 from qsframework.plugin import Array, Poses
 from qsframework.report import error_tables

@@ -19,7 +19,8 @@ from qsframework.cli.show import Shown, make_scene
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Readings
 from qsframework.experiment.account import robot_hash
-from qsframework.experiment.readings_table import read_readings, write_readings
+from qsframework.experiment.readings_file import read_readings
+from qsframework.experiment.readings_table import write_readings
 from qsframework.identify import FitRecord, identify, read_fit, validate, write_fit
 from qsframework.identify.estimate import EstimateState
 from qsframework.identify.soundness import check_fit

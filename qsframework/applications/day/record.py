@@ -20,7 +20,16 @@ import numpy as np
 from qsframework.applications.protocol import Protocol, ProtocolState, Visit, floor_file
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment
-from qsframework.experiment.columns import Table, joint_cells, number, write_table
+from qsframework.experiment.columns import (
+    WRENCH,
+    WRENCH_NAMES,
+    XYZ,
+    Table,
+    joint_cells,
+    joint_stems,
+    number,
+    write_table,
+)
 from qsframework.files import write_bytes
 from qsframework.files.journal import Journal
 from qsframework.plugin import Array
@@ -280,7 +289,7 @@ def _comments(protocol: Protocol) -> list[str]:
 
 
 def _header(protocol: Protocol) -> list[str]:
-    header = ["pose", *protocol.units.names(), "fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm", "marker", "state"]
+    header = ["pose", *protocol.units.names(), *WRENCH_NAMES, "marker", "state"]
     header += ["x_mm", "y_mm", "z_mm", "load_id", "series", "repeat", "cycle", "time_s", "drive_state", "use"]
     return header
 
@@ -322,26 +331,17 @@ def rows_of(table: Table, experiment: Experiment, protocol: Protocol) -> list[En
         for v, visit in enumerate(protocol.visits)
         for k, state in enumerate(visit.states)
     }
-    count = len(table.rows)
-
-    def texts(name: str) -> list[str]:
-        return table.texts.get(name, [""] * count)
-
-    def numbers(name: str, missing: float) -> list[float]:
-        return np.nan_to_num(table.numbers.get(name, np.full(count, missing)), nan=missing).tolist()
-
-    n = experiment.robot.controller.axes
-    pendant = np.stack([table.numbers[f"q{k + 1}"] for k in range(n)], axis=1)
-    wrench = np.stack([numbers(c, 0.0) for c in ("fx", "fy", "fz", "mx", "my", "mz")], axis=1)
-    xyz = np.stack([table.numbers[c] for c in ("x", "y", "z")], axis=1)
+    pendant = table.columns(joint_stems(experiment.robot.controller.axes))
+    wrench, xyz = np.nan_to_num(table.columns(WRENCH, 0.0)), table.columns(XYZ)
     out: dict[Slot, Entry] = {}
-    keys = list(zip(texts("pose"), numbers("repeat", 1.0), numbers("cycle", 1.0), texts("load_id"), strict=True))
-    for i in np.flatnonzero(numbers("use", 1.0)).tolist():
+    counted = (table.counts("repeat"), table.counts("cycle"))
+    keys = list(zip(table.text("pose"), *counted, table.text("load_id"), strict=True))
+    for i in map(int, np.flatnonzero(np.nan_to_num(table.column("use"), nan=1.0))):
         pose, repeat, cycle, load = keys[i]
-        slot, marker = places.get((pose, int(repeat), int(cycle), load)), texts("marker")[i]
-        stated = texts("state")[i].lower() == ("loaded" if load else "unloaded")
+        slot, marker, state = places.get(keys[i]), table.text("marker")[i], table.text("state")[i]
+        stated = state.lower() == ("loaded" if load else "unloaded")
         if slot is None or not stated or marker not in protocol.markers:
-            what = f"pose {pose!r}, repeat {repeat:.0f}, cycle {cycle:.0f}, state {texts('state')[i]!r}, load {load!r}"
+            what = f"pose {pose!r}, repeat {repeat}, cycle {cycle}, state {state!r}, load {load!r}"
             what += f", marker {marker!r}"
             hint = "Name another folder with -o, or go on with the plan, the options and the seed of its beginning."
             problems.append(Problem("is no reading of this plan", str(path), table.rows[i], found=what, hint=hint))

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from qsframework.errors import InputError
+from qsframework.errors import refuse
 from qsframework.experiment import Experiment, Plan, read_plan
-from qsframework.experiment.columns import read_table, table_lines
-from qsframework.experiment.readings_table import counts, state_columns
+from qsframework.experiment.columns import WRENCH, XYZ, joint_stems, read_table
+from qsframework.experiment.readings_table import header_of, state_columns
 from qsframework.experiment.stations import seen_markers
 from qsframework.plugin import Array
 
@@ -62,8 +62,7 @@ EMPTY = Campaign(poses={}, loads={}, order=(), names={})
 
 def read_campaign(path: Path, experiment: Experiment) -> Campaign:
     """A plan.csv, or the table of states that `qsf protocol` writes."""
-    header = next((line for line in table_lines(path) if line.strip() and not line.lstrip().startswith("#")), "")
-    if "state" in [name.strip() for name in header.split(",")]:
+    if "state" in header_of(path):
         return _of_table(path, experiment)
     return of_plan(read_plan(path, experiment), experiment, path)
 
@@ -93,32 +92,22 @@ def of_plan(plan: Plan, experiment: Experiment, path: Path | None = None) -> Cam
 
 def _of_table(path: Path, experiment: Experiment) -> Campaign:
     table = read_table(path, state_columns(experiment), experiment.robot.name)
-    n = experiment.robot.controller.axes
-    pendant = np.stack([table.numbers[f"q{k + 1}"] for k in range(n)], axis=1)
-    unfilled = {table.names.get(a) for a in ("x", "y", "z")}
-    problems = [p for p in table.problems if p.column not in unfilled]
-    zero = np.zeros(len(table.rows))
-    wrench = np.nan_to_num(np.stack([table.numbers.get(c, zero) for c in ("fx", "fy", "fz", "mx", "my", "mz")], axis=1))
-    if problems:
-        raise InputError(problems)
-    loads = table.texts.get("load_id", [""] * len(table.rows))
+    problems = [p for p in table.problems if p.column not in {table.names.get(a) for a in XYZ}]
+    refuse(problems)
+    pendant = table.columns(joint_stems(experiment.robot.controller.axes))
+    wrench = np.nan_to_num(table.columns(WRENCH, 0.0))
+    words = [table.text(stem) for stem in ("pose", "marker", "state", "load_id")]
     slots = [
         PlanSlot(pose, marker, state == "loaded", load, repeat, cycle)
         for pose, marker, state, load, repeat, cycle in zip(
-            table.texts["pose"],
-            table.texts["marker"],
-            table.texts["state"],
-            loads,
-            counts(table, "repeat"),
-            counts(table, "cycle"),
-            strict=True,
+            *words, table.counts("repeat"), table.counts("cycle"), strict=True
         )
     ]
     wrenches: dict[str, dict[str, Array]] = {}
     for slot, force in zip(slots, wrench, strict=True):
         if slot.loaded:
             wrenches.setdefault(slot.pose, {}).setdefault(slot.load_id, force)
-    drives, series = table.texts.get("drive_state"), table.texts.get("series", [""] * len(slots))
+    drives, series = table.texts.get("drive_state"), table.text("series")
     return Campaign(
         poses=dict(zip(reversed([s.pose for s in slots]), reversed(list(pendant)), strict=True)),
         loads=wrenches,

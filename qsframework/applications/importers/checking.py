@@ -10,9 +10,8 @@ import numpy as np
 from qsframework.applications.importers.campaign import Campaign
 from qsframework.applications.importers.matching import TrackerPoint, label
 from qsframework.applications.importers.placing import UNITS, PlacementFit, agreed_frame, likely_unit, marker_places
-from qsframework.errors import InputError, Problem
+from qsframework.errors import MOST_PROBLEMS, InputError, Problem
 from qsframework.experiment import Experiment
-from qsframework.experiment.columns import MOST_PROBLEMS
 from qsframework.experiment.limits import other_angles
 from qsframework.plugin import Array, Indices
 

@@ -49,7 +49,8 @@ from qsframework.applications.options import ImportOptions
 from qsframework.arguments import checked
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment, Frame, Readings
-from qsframework.experiment.readings_table import displacement_columns, readings_of, state_columns
+from qsframework.experiment.readings_file import readings_of
+from qsframework.experiment.readings_table import displacement_columns, state_columns
 from qsframework.plugin import Array
 
 T = TypeVar("T")

@@ -11,8 +11,7 @@ from qsframework.applications.importers.campaign import Campaign, PlanSlot
 from qsframework.applications.importers.matching import TrackerPoint, label
 from qsframework.applications.importers.names import decode, plain, vocabulary
 from qsframework.applications.importers.tables import Listing
-from qsframework.errors import InputError, Problem
-from qsframework.experiment.columns import MOST_PROBLEMS
+from qsframework.errors import MOST_PROBLEMS, InputError, Problem
 from qsframework.experiment.limits import other_angles
 from qsframework.plugin import Array
 from qsframework.robot import Controller

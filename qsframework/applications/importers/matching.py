@@ -16,9 +16,8 @@ from qsframework.applications.importers.placing import marker_places
 from qsframework.applications.importers.tables import Listing, quoted_word
 from qsframework.applications.importers.vocabulary import PLAIN
 from qsframework.applications.protocol import HALF as HALF_LOAD
-from qsframework.errors import InputError, Problem, nearest
+from qsframework.errors import MOST_PROBLEMS, InputError, Problem, nearest
 from qsframework.experiment import Experiment, Frame
-from qsframework.experiment.columns import MOST_PROBLEMS
 
 _REFLECTOR = re.compile(
     r"\b(rrr|ccr|smr|tbr|brr|rfi|tmc|t-?mac|prism|cat-?eye|reflector|reflektor|corner cube)\b", re.IGNORECASE

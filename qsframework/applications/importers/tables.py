@@ -27,8 +27,7 @@ from qsframework.applications.importers.vocabulary import (
     unit_of,
     units_above,
 )
-from qsframework.errors import InputError, Problem, nearest
-from qsframework.experiment.columns import MOST_PROBLEMS
+from qsframework.errors import MOST_PROBLEMS, InputError, Problem, nearest
 from qsframework.files.documents import DECIMAL
 from qsframework.plugin import Array
 

@@ -10,7 +10,7 @@ import numpy as np
 from qsframework.applications.importers.campaign import Campaign
 from qsframework.applications.importers.matching import TrackerPoint
 from qsframework.applications.importers.sheets import NUMBER, Sheet
-from qsframework.experiment.columns import Column, joint_cells, number, recorded
+from qsframework.experiment.columns import WRENCH_NAMES, Column, joint_cells, number, recorded
 from qsframework.plugin import Array
 from qsframework.units import JointUnits
 
@@ -23,7 +23,7 @@ def readings_rows(
     """Header and rows: positions in the tracker's frame, one row for each point, in the order of the files."""
     slots = [p.slot for p in points if p.slot is not None]
     loaded = any(s.loaded for s in slots)
-    forces = ["fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm"] if loaded else []
+    forces = WRENCH_NAMES if loaded else ()
     header = ["pose", *joints.names(), *forces, "marker", "state"]
     header += ["x_mm", "y_mm", "z_mm"]
     more = _more(points, campaign)

@@ -1,0 +1,180 @@
+"""What each row of a table of readings measured: a vector, what a gauge read along a direction, or a touched point."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from qsframework.errors import MOST_PROBLEMS, Problem
+from qsframework.experiment.columns import WRENCH, XYZ, Table, joint_stems, strength_problems
+from qsframework.experiment.frames import PLANE, POINT
+from qsframework.experiment.readings import axes_along
+from qsframework.experiment.readings_table import ALONG, MOVED
+from qsframework.experiment.reads import Reads, averaged
+from qsframework.experiment.setup import Experiment
+from qsframework.plugin import Array, Indices
+
+Flags = npt.NDArray[np.bool_]
+"""Of each row, (R,)."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MeasuredRows:
+    """R rows of a table and what they measured.
+
+    pendant (R, n) rad, wrench (R, 6) N and N m, 0 where nothing stands; use, gauge (R,); marker, to (R,): its place in
+    the experiment, and that of the other end of a distance, -1 for none; sigma (R,) m, NaN where the row has none;
+    value (R, 3) m and axes (R, 3, 3) as in `Readings`; points: the frame that stands for what was touched, "" for none;
+    normals (3,) of the plates among them; problems: what is wrong so far
+    """
+
+    table: Table
+    of_states: bool
+    reads: Reads
+    pendant: Array
+    wrench: Array
+    use: Flags
+    marker: Indices
+    sigma: Array
+    value: Array
+    axes: Array | None
+    to: Indices
+    gauge: Flags
+    points: tuple[str, ...]
+    normals: dict[str, Array]
+    problems: list[Problem]
+
+    @property
+    def kind(self) -> npt.NDArray[np.str_]:
+        """The kind (R,) of each row."""
+        return np.where(self.gauge, "gauge", "position" if self.of_states else "displacement")
+
+    @property
+    def who(self) -> list[Hashable]:
+        """Marker, and of gauges the other marker and the direction: what one state is read of once."""
+        if self.axes is None:
+            return self.marker.tolist()
+        along = [tuple(u) if g else () for u, g in zip(self.axes[:, 0].round(9).tolist(), self.gauge, strict=True)]
+        return list(zip(self.marker.tolist(), self.to.tolist(), along, strict=True))
+
+
+def measured_rows(table: Table, experiment: Experiment, of_states: bool) -> MeasuredRows:
+    """What the rows of a table of states, or of displacements, measured; reads of one visit are one row."""
+    stems, robot = XYZ if of_states else MOVED, experiment.robot
+    table, reads = averaged(table, (*stems, "gauge"))
+    wrench, use = table.columns(WRENCH, 0.0), table.column("use", 1.0) != 0
+    marker, to = _places(table, "marker", 0, experiment), _places(table, "to_marker", -1, experiment)
+    touched = np.array(table.text("point")) != ""
+    read, along = _gauge_cells(table, touched)
+    gauge, size, vector = np.isfinite(read), np.linalg.norm(along, axis=1), table.columns(stems)
+    problems = [*table.problems, *strength_problems(table, wrench, robot.payload, robot.gravity)]
+    problems += _gauge_problems(table, gauge, np.any(np.isfinite(vector), axis=1), size, marker, to)
+    plates = touched & gauge & (to < 0)
+    points = tuple(
+        f"{PLANE if on else POINT}{p}" if p else "" for p, on in zip(table.text("point"), plates, strict=True)
+    )
+    axes = _axes(along, gauge & (size > 0) & (to < 0)) if gauge.any() else None
+    problems += _point_problems(table, points, gauge & ~plates, axes)
+    normals = {} if axes is None else {points[i]: np.array(axes[i]) for i in map(int, np.flatnonzero(plates)[::-1])}
+    if axes is not None:
+        axes[plates] = np.eye(3)
+    value = np.where(gauge[:, None], np.stack([read, *np.full((2, len(read)), np.nan)], axis=1), vector)
+    value = np.where((touched & ~gauge)[:, None], np.nan_to_num(value), value)
+    return MeasuredRows(
+        table=table,
+        of_states=of_states,
+        reads=reads,
+        pendant=table.columns(joint_stems(robot.controller.axes)),
+        wrench=np.nan_to_num(wrench, nan=0.0),
+        use=use,
+        marker=marker,
+        sigma=table.column("sigma"),
+        value=value,
+        axes=axes,
+        to=to,
+        gauge=gauge & ~plates,
+        points=points,
+        normals=normals,
+        problems=[*problems, *_unfilled(table, use & ~np.isfinite(value).any(axis=1), (*stems, "gauge"))],
+    )
+
+
+def _places(table: Table, stem: str, missing: int, experiment: Experiment) -> Indices:
+    """Place (R,) of each row's marker in the experiment."""
+    places = {m.name: k for k, m in enumerate(experiment.markers)}
+    return np.array([places.get(name, missing) for name in table.text(stem)], dtype=np.intp)
+
+
+def _gauge_cells(table: Table, touched: Flags) -> tuple[Array, Array]:
+    """What gauges read (R,) m, and along which direction (R, 3), NaN where there is none; rows that touch a plate read
+    zero where they read nothing."""
+    along = table.columns(ALONG)
+    along = np.where(np.isfinite(along).any(axis=1, keepdims=True), np.nan_to_num(along, nan=0.0), np.nan)
+    read = table.column("gauge")
+    return np.where(touched & np.isnan(read) & (np.linalg.norm(along, axis=1) > 0), 0.0, read), along
+
+
+def _axes(along: Array, pointed: Flags) -> Array:
+    """Axes (R, 3, 3) of rows that read along a direction (R, 3), those of the base of others."""
+    return np.stack([axes_along(u) if own else np.eye(3) for u, own in zip(along, pointed, strict=True)])
+
+
+def _gauge_problems(
+    table: Table, gauge: Flags, vector: Flags, size: Array, marker: Indices, to: Indices
+) -> list[Problem]:
+    """Rows (R,) with a direction of this size or another marker that are of no gauge, and gauges of two or no ways."""
+    distance, pointed, alone = to >= 0, size > 0, gauge & ~vector
+    stray = ~gauge & vector & (distance | np.isfinite(size))
+    message = "the row is of a vector: a direction or another marker belongs to a gauge"
+    hint = "Fill in gauge_mm in a row of its own, or leave this empty."
+    out = table.each(stray & distance, "to_marker", message, hint)
+    out += table.each(stray & ~distance, "ux", message, hint)
+    hint = "Give it a row of its own: each row is of one instrument."
+    out += table.each(gauge & vector, "gauge", "a gauge and a vector stand in one row", hint)
+    hint = "Give ux, uy, uz, the direction in the base frame of any length, or to_marker."
+    message = "the gauge has a direction and a marker to which it measures"
+    out += table.each(alone & pointed & distance, "gauge", message, hint)
+    out += table.each(alone & ~pointed & ~distance, "gauge", "the gauge has no direction", hint)
+    itself = alone & ~pointed & (to == marker)
+    return out + table.each(itself, "to_marker", "a distance is to another marker", hint)
+
+
+def _point_problems(table: Table, points: tuple[str, ...], gauge: Flags, axes: Array | None) -> list[Problem]:
+    """Rows of touched points that are of a gauge or of a series too, points that were touched once, and plates of
+    several normals."""
+    series = table.text("series")
+    count, first = Counter(points), {name: i for i, name in reversed(list(enumerate(points)))}
+    out: list[Problem] = []
+    for i, name in enumerate(points):
+        kind, _, own = name.partition(":")
+        if name and (gauge[i] or series[i]):
+            stem = "gauge" if gauge[i] else "series"
+            hint = "Give it a row of its own: the place of a point is in the axes of the base."
+            out.append(table.problem(i, stem, f"the row touches the {kind} {own!r} and is of a {stem} too", hint=hint))
+        elif name and count[name] == 1:
+            hint = "Touch it at two poses or more, all with ux, uy, uz or none."
+            out.append(table.problem(i, "point", f"the {kind} {own!r} is touched once, which says nothing", hint=hint))
+        elif kind == "plane" and axes is not None and np.abs(axes[i, 0] - axes[first[name], 0]).max() > 1e-6:
+            line = table.rows[first[name]]
+            out.append(table.problem(i, "ux", f"the plane {own!r} has another normal than in line {line}"))
+        elif series[i].startswith((POINT, PLANE)):
+            message = f"a series does not begin with {POINT!r} or {PLANE!r}"
+            out.append(table.problem(i, "series", message, repr(series[i])))
+    return out[:MOST_PROBLEMS]
+
+
+def _unfilled(table: Table, empty: Flags, stems: Sequence[str]) -> list[Problem]:
+    """One problem for all rows in which nothing was measured."""
+    told = {p.line for p in table.problems if p.column in {table.names.get(s) for s in stems}}
+    rows = [i for i in np.flatnonzero(empty).tolist() if table.rows[i] not in told]
+    if not rows:
+        return []
+    many = f"{len(rows)} rows are not filled in, of which this is the first"
+    message = many if len(rows) > 1 else "this row is not filled in"
+    hint = "Fill in what was measured; put 0 in the column use of a row that was not."
+    stem = next((s for s in stems if s in table.names), stems[0])
+    return [table.problem(rows[0], stem, message, "''", "a number", hint)]
