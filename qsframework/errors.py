@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import ParamSpec, TypedDict, TypeVar
 
@@ -88,6 +88,20 @@ def refuse(problems: Sequence[Problem]) -> None:
     """InputError with all these problems, where there are any."""
     if problems:
         raise InputError(problems[:MOST_PROBLEMS])
+
+
+def all_of(calls: Iterable[Callable[[], _R]]) -> list[_R]:
+    """What each call gives; InputError with the problems of all."""
+    out: list[_R] = []
+    problems: list[Problem] = []
+    for call in calls:
+        try:
+            out.append(call())
+        except InputError as error:
+            problems += error.problems
+    if problems:
+        raise InputError(problems)
+    return out
 
 
 class NotIdentifiable(QsfError):

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from qsframework.cli.commands import distinct_outputs, write_json
 from qsframework.cli.printing import print_folded
-from qsframework.errors import InputError, Problem
+from qsframework.errors import all_of
 from qsframework.experiment import (
     Experiment,
     Readings,
@@ -47,16 +48,8 @@ class Checked:
 
 def check_files(files: Sequence[Path], json: Path | None, report: Path | None = None) -> None:
     """Load each file; raise one InputError with the problems of all."""
-    problems: list[Problem] = []
-    checked: list[Checked] = []
     distinct_outputs([json, report], [file for file in files if file.is_file()])
-    for file in files:
-        try:
-            checked.append(_check(file))
-        except InputError as error:
-            problems += error.problems
-    if problems:
-        raise InputError(problems)
+    checked = all_of(partial(_check, file) for file in files)
     for one in checked:
         print_folded(f"{one.file}: {one.said()}")
     if len(checked) == 1 and (experiment := checked[0].experiment) is not None:

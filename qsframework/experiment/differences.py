@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from qsframework.elastostatics import make_model
 from qsframework.errors import InputError, Problem
 from qsframework.experiment.frames import Frame, procrustes
 from qsframework.experiment.readings import Alignment, Readings
@@ -121,10 +120,7 @@ def _check_drives(states: Readings, loaded: Indices, unloaded: Indices) -> None:
 
 def _aligned(states: Readings, experiment: Experiment) -> tuple[tuple[Frame | None, ...], tuple[Alignment, ...]]:
     """The frame of each series, stated or found from its unloaded markers, and what these then miss."""
-    robot = experiment.robot
-    sites = [(m.name, experiment.site(m.link, m.xyz)) for m in experiment.markers]
-    rigid = make_model(robot.facts, [], [], experiment.load_site, sites, robot.gravity)
-    there = rigid.positions(states.poses)[states.plus, states.marker]
+    there = experiment.rigid_places(states.poses.q)[states.plus, states.marker]
     whole = np.isfinite(states.value).all(axis=1) & states.use & ~states.states.loaded[states.plus]
     frames: list[Frame | None] = []
     said: list[Alignment] = []

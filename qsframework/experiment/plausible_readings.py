@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from qsframework.elastostatics import make_model
 from qsframework.errors import MOST_PROBLEMS, InputError, Problem, refuse
 from qsframework.experiment.columns import FORCE, WRENCH, Table
 from qsframework.experiment.frames import PLANE, POINT
@@ -68,19 +67,11 @@ def idle_problems(rows: MeasuredRows) -> list[Problem]:
 
 def check_places(table: Table, experiment: Experiment, found: Readings) -> None:
     """InputError where positions do not spread as the arm does, or touched points are not where it puts markers."""
-    places = rigid_places(experiment, found)
+    places = experiment.rigid_places(found.poses.q)[found.plus, found.marker]
     for f, name in enumerate(found.frames):
         if not name.startswith((POINT, PLANE)):
             _check_spread(table, name, found, found.frame == f, places)
     refuse([p for f in range(len(found.frames)) for p in _far_touched(table, found, f, places)])
-
-
-def rigid_places(experiment: Experiment, found: Readings) -> Array:
-    """Where a rigid arm puts the marker of each row: (R, 3) m, base frame."""
-    robot = experiment.robot
-    sites = [(m.name, experiment.site(m.link, m.xyz)) for m in experiment.markers]
-    rigid = make_model(robot.facts, [], [], experiment.load_site, sites, robot.gravity)
-    return rigid.positions(found.poses)[found.plus, found.marker]
 
 
 def _check_spread(table: Table, series: str, found: Readings, own: npt.NDArray[np.bool_], places: Array) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qsframework.arguments import checked
-from qsframework.errors import InputError, Problem, refuse
+from qsframework.errors import InputError, Problem, all_of, refuse
 from qsframework.experiment.columns import IMPORT, Table, check_ours, make_table, numbered, read_table
 from qsframework.experiment.differences import differences, has_pairs
 from qsframework.experiment.frames import PLANE, POINT, Frame
@@ -51,14 +52,7 @@ def read_readings(path: str | Path | Sequence[str | Path], experiment: Experimen
         raise InputError(
             Problem("no files of readings to read", hint=f"Name one, or add `data:` to {experiment.path}.")
         )
-    parts: list[Part] = []
-    problems: list[Problem] = []
-    for one in paths:
-        try:
-            parts.append(_read(one, experiment, states))
-        except InputError as error:
-            problems += error.problems
-    refuse(problems)
+    parts = all_of(partial(_read, one, experiment, states) for one in paths)
     whole = joined([p.readings for p in parts])
     check_kinds(parts, whole, experiment)
     return whole

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -26,7 +27,7 @@ from qsframework.experiment.obstacles import read_obstacles
 from qsframework.experiment.spec import ExperimentSpec, LoadCaseSpec
 from qsframework.experiment.stations import Station
 from qsframework.files import Document, read_yaml, validate
-from qsframework.plugin import Array, Effect, Parameter, Spring
+from qsframework.plugin import Array, Effect, Parameter, Poses, Spring
 from qsframework.plugin.build import build_effects
 from qsframework.plugin.facts import frozen
 from qsframework.plugin.registry import registry, suggestion, with_role
@@ -163,10 +164,16 @@ class Experiment(Viewed):
 
     @cached_property
     def _model(self) -> Model:
-        markers = [(m.name, self.site(m.link, m.xyz)) for m in self.markers]
         effects = (*self.robot.effects, *self.effects)
-        parameters = (*self.robot.parameters, *self.parameters)
+        return self._model_of(effects, (*self.robot.parameters, *self.parameters))
+
+    def _model_of(self, effects: Sequence[Effect], parameters: Sequence[Parameter]) -> Model:
+        markers = [(m.name, self.site(m.link, m.xyz)) for m in self.markers]
         return make_model(self.robot.facts, effects, parameters, self.load_site, markers, self.robot.gravity)
+
+    def rigid_places(self, q: Array) -> Array:
+        """Where a rigid nominal arm puts every marker at joint values (N, n): (N, K, 3) m, base frame."""
+        return self._model_of((), ()).positions(Poses(q, q, np.zeros((len(q), 6))))
 
     def model(self) -> Model:
         """The pipeline of this robot and campaign."""

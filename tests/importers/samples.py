@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 
 from qsframework.applications.export import export
-from qsframework.applications.importers.placing import marker_places
 from qsframework.applications.programme import draft
 from qsframework.elastostatics.so3 import exponential
 from qsframework.experiment import Experiment, Frame, Plan, load_experiment, make_plan, write_plan
@@ -106,7 +105,7 @@ def make_campaign(folder: Path) -> Campaign:
     plan = make_plan(poses, ["weight"] * len(pendant))
     write_plan(folder / "plan.csv", plan, experiment)
     rng = np.random.default_rng(7)
-    there = marker_places(experiment, pendant)
+    there = experiment.rigid_places(experiment.robot.controller.to_joints(pendant))
     readings: list[Reading] = []
     for i, pose in enumerate(plan.pose):
         for loaded in (False, True):

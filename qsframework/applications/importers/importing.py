@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import compress
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
 from qsframework.applications.importers.campaign import EMPTY, Campaign, PlanSlot, read_campaign
-from qsframework.applications.importers.checking import Placed, check_places, check_units
 from qsframework.applications.importers.joining import (
     check_planned,
     join_order,
@@ -21,6 +20,7 @@ from qsframework.applications.importers.joining import (
     poses_of,
     visits_of,
 )
+from qsframework.applications.importers.layout import Sheet
 from qsframework.applications.importers.matching import (
     Naming,
     TrackerPoint,
@@ -33,8 +33,17 @@ from qsframework.applications.importers.matching import (
     without_idle_names,
 )
 from qsframework.applications.importers.names import plain
-from qsframework.applications.importers.placing import Aligned, align, marker_places
-from qsframework.applications.importers.sheets import Sheet, read_sheet
+from qsframework.applications.importers.placing import (
+    Aligned,
+    Placed,
+    align,
+    check_places,
+    check_units,
+    expected_places,
+    series_of,
+    unit_problem,
+)
+from qsframework.applications.importers.sheets import read_sheet
 from qsframework.applications.importers.tables import (
     Listing,
     Stated,
@@ -47,13 +56,12 @@ from qsframework.applications.importers.vocabulary import own_columns
 from qsframework.applications.importers.writing import readings_rows, rewritten_rows
 from qsframework.applications.options import ImportOptions
 from qsframework.arguments import checked
-from qsframework.errors import InputError, Problem
+from qsframework.errors import InputError, Problem, all_of, refuse
 from qsframework.experiment import Experiment, Frame, Readings
 from qsframework.experiment.readings_file import readings_of
 from qsframework.experiment.readings_table import displacement_columns, state_columns
 from qsframework.plugin import Array
 
-T = TypeVar("T")
 UNLOADED = "unloaded"
 """Alignment by the campaign's own unloaded readings."""
 
@@ -71,20 +79,20 @@ class Imported:
     read back
     """
 
-    files: tuple[Listing, ...]
-    points: tuple[TrackerPoint, ...]
-    match: str
-    angles: str
-    campaign: Campaign
-    missing: tuple[PlanSlot, ...]
-    ignored: tuple[TrackerPoint, ...]
-    hidden: tuple[TrackerPoint, ...]
-    known: tuple[TrackerPoint, ...]
-    placed: tuple[Placed, ...]
-    aligned: tuple[Aligned, ...]
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     readings: Readings
+    match: str
+    angles: str
+    files: tuple[Listing, ...] = ()
+    points: tuple[TrackerPoint, ...] = ()
+    campaign: Campaign = EMPTY
+    missing: tuple[PlanSlot, ...] = ()
+    ignored: tuple[TrackerPoint, ...] = ()
+    hidden: tuple[TrackerPoint, ...] = ()
+    known: tuple[TrackerPoint, ...] = ()
+    placed: tuple[Placed, ...] = ()
+    aligned: tuple[Aligned, ...] = ()
     sheets: tuple[Sheet, ...] = ()
 
 
@@ -107,8 +115,8 @@ def import_readings(
         InputError: with file, row, what was found and what to state, wherever two interpretations are possible.
     """
     units = stated_units(options.units)
-    sheets = _collected(
-        [partial(read_sheet, p, options.sheet, options.separator, options.decimal, options.ignore) for p in files]
+    sheets = all_of(
+        partial(read_sheet, p, options.sheet, options.separator, options.decimal, options.ignore) for p in files
     )
     ours = [sheet for sheet in sheets if _is_ours(sheet, experiment)]
     if ours:
@@ -116,7 +124,7 @@ def import_readings(
     stated = Stated(options.columns, units, options.join == "time")
     joints = experiment.robot.facts.driven
     check_columns(sheets, options.columns, len(joints))
-    listings = _collected([partial(interpret, s, stated, joints) for s in sheets])
+    listings = all_of(partial(interpret, s, stated, joints) for s in sheets)
     lists, logs = [li for li in listings if li.is_points], [li for li in listings if not li.is_points]
     if not lists:
         where = ", ".join(s.where for s in sheets)
@@ -126,20 +134,6 @@ def import_readings(
         raise InputError(Problem("several joint logs", where, hint="Join them into one file, or import day by day."))
     known = None if options.align in ("", UNLOADED) else _known(Path(options.align), options, stated, joints)
     return _Import(experiment, lists, logs[0] if logs else None, known, plan, options).run()
-
-
-def _collected(calls: Sequence[Callable[[], T]]) -> list[T]:
-    """What each call gives; InputError with the problems of all."""
-    out: list[T] = []
-    problems: list[Problem] = []
-    for call in calls:
-        try:
-            out.append(call())
-        except InputError as error:
-            problems += error.problems
-    if problems:
-        raise InputError(problems)
-    return out
 
 
 def _is_ours(sheet: Sheet, experiment: Experiment) -> bool:
@@ -157,8 +151,7 @@ def _known(path: Path, options: ImportOptions, stated: Stated, joints: Sequence[
         raise InputError(Problem("nothing says the unit of the known points", str(path), hint=hint))
     names = [plain(n) for n in listing.texts["name"]]
     twice = [i for i, n in enumerate(names) if n in names[:i]]
-    if twice:
-        raise InputError([listing.problem(i, "name", "this name stands here twice") for i in twice])
+    refuse([listing.problem(i, "name", "this name stands here twice") for i in twice])
     return listing
 
 
@@ -172,22 +165,9 @@ def _rewritten(ours: Sequence[Sheet], sheets: Sequence[Sheet], experiment: Exper
     columns = state_columns(experiment) if of_states else displacement_columns(experiment)
     rows = rewritten_rows(sheet, columns)
     readings = _read_back(sheet.header, rows, experiment, [(sheet.where, r.line) for r in sheet.rows], {})
+    own = tuple(tuple(row) for row in rows)
     return Imported(
-        files=(),
-        points=(),
-        match="columns",
-        angles="columns",
-        campaign=EMPTY,
-        missing=(),
-        ignored=(),
-        hidden=(),
-        known=(),
-        placed=(),
-        aligned=(),
-        header=sheet.header,
-        rows=tuple(tuple(row) for row in rows),
-        readings=readings,
-        sheets=(sheet,),
+        header=sheet.header, rows=own, readings=readings, match="columns", angles="columns", sheets=(sheet,)
     )
 
 
@@ -230,43 +210,41 @@ class _Import:
         if not campaign.poses:
             campaign, lists = self._found_poses(lists, naming, how)
         points, ignored = read_points(lists, campaign, experiment, naming)
-        points, seen = self._parted(points)
-        blind = [p for p in points if p.listing.hidden[p.row]]
+        points, known = self._parted(points)
+        blind = tuple(p for p in points if p.hidden)
         if options.match == "names":
             check_order_meant(points, campaign, experiment)
         if "order" not in (options.match, how):
-            points = [p for p in points if not p.listing.hidden[p.row]]
+            points = [p for p in points if not p.hidden]
         if not points:
             raise InputError(Problem("no point is left to take", ", ".join(li.sheet.where for li in lists)))
-        aligned = self._known_frame(seen)
+        aligned = self._known_frame(known)
         points = [_of_station(p, campaign) for p in self._matched(points, campaign, aligned)]
-        pendant = self._angles(points, campaign, how, logged)
-        pendant = pendant[[not p.listing.hidden[p.row] for p in points]]
-        points = [p for p in points if not p.listing.hidden[p.row]]
-        check_units(points, pendant, experiment)
-        placed = check_places(points, pendant, campaign, experiment, options.within)
+        pendant = self._angles(points, campaign, how, logged)[[not p.hidden for p in points]]
+        points = [p for p in points if not p.hidden]
+        there = expected_places(points, pendant, experiment)
+        check_units(points, there)
+        placed = check_places(points, pendant, there, campaign, experiment, options.within)
         if options.align == UNLOADED:
-            aligned = self._unloaded_frames(points, pendant)
+            aligned = _unloaded_frames(points, there)
         header, rows = readings_rows(points, pendant, experiment.robot.controller.units, campaign)
         origins = [(p.listing.sheet.where, p.line) for p in points]
-        readings = _read_back(header, rows, experiment, origins, _sources(points))
-        files = (*lists, *(x for x in (self.log, self.known) if x is not None))
         slots = {p.slot for p in points}
         return Imported(
-            files=files,
-            points=tuple(points),
+            header=tuple(header),
+            rows=tuple(tuple(r) for r in rows),
+            readings=_read_back(header, rows, experiment, origins, _sources(points)),
             match=options.match,
             angles=how,
+            files=(*lists, *(x for x in (self.log, self.known) if x is not None)),
+            points=tuple(points),
             campaign=campaign,
             missing=tuple(s for s in campaign.order if s not in slots),
             ignored=tuple(ignored),
-            hidden=tuple(blind),
-            known=tuple(seen),
+            hidden=blind,
+            known=tuple(known),
             placed=placed,
             aligned=aligned,
-            header=tuple(header),
-            rows=tuple(tuple(r) for r in rows),
-            readings=readings,
         )
 
     def _join(self, campaign: Campaign, naming: Naming) -> str:
@@ -282,10 +260,8 @@ class _Import:
         if any(names_of(self.log, campaign, dict(naming.names))):
             return "names"
         message = "nothing says how the rows of this joint log belong to the points: it names no pose"
-        hint = "State it: in their order, or by the time of every point."
-        raise InputError(
-            Problem(message, self.log.sheet.where, self.log.sheet.header_line, hint=hint, argument=("join", "order"))
-        )
+        hint, argument = "State it: in their order, or by the time of every point.", ("join", "order")
+        raise InputError(self.log.sheet.problem(None, message, hint=hint, argument=argument))
 
     def _no_angles(self) -> Problem:
         """Nothing says the angles; where as many columns speak of joints as there are, these are proposed."""
@@ -308,9 +284,9 @@ class _Import:
         stops: list[int] = []
         visits = visits_of(points)
         if how == "columns":
-            angles = np.vstack([a for li in lists if (a := li.angles(self.joints)) is not None])
-            every, _ = read_points(lists, EMPTY, self.experiment, replace(naming, ignore=()))
-            points, visits = every, list(range(len(every)))
+            angles = np.vstack([li.angles(self.joints) for li in lists])
+            points, _ = read_points(lists, EMPTY, self.experiment, replace(naming, ignore=()))
+            visits = list(range(len(points)))
         elif self.log is not None and how == "order":
             angles = join_order(points, self.log, self.joints)
         else:
@@ -327,8 +303,7 @@ class _Import:
                 problems.append(point.problem(f"pose {name!r} has other angles than above", "name", hint=hint))
             poses.setdefault(name, own)
             named[id(point.listing), point.row] = name
-        if problems:
-            raise InputError(problems)
+        refuse(problems)
         out = [
             replace(li, texts={**li.texts, "pose": tuple(named.get((id(li), i), "") for i in range(len(li)))})
             for li in lists
@@ -338,29 +313,23 @@ class _Import:
     def _parted(self, points: Sequence[TrackerPoint]) -> tuple[list[TrackerPoint], list[TrackerPoint]]:
         """Points of the campaign, and those that are known points."""
         names = set[str]() if self.known is None else {plain(n) for n in self.known.texts["name"]}
-        is_known = [bool({plain(p.name), plain(p.name.rpartition("::")[2])} & names) for p in points]
-        return (
-            [p for p, k in zip(points, is_known, strict=True) if not k],
-            [p for p, k in zip(points, is_known, strict=True) if k],
-        )
+        is_known = [not names.isdisjoint(_known_as(p)) for p in points]
+        return [p for p, k in zip(points, is_known, strict=True) if not k], list(compress(points, is_known))
 
     def _known_frame(self, seen: Sequence[TrackerPoint]) -> tuple[Aligned, ...]:
         """The frame of every series from the known points in it."""
         if self.known is None:
             return ()
-        places = dict(zip(map(plain, self.known.texts["name"]), self.known.xyz(), strict=True))
+        places = dict(zip(map(plain, self.known.texts["name"]), self.known.xyz, strict=True))
         out: list[Aligned] = []
-        for series in dict.fromkeys(p.series for p in seen) or ("",):
-            own = [p for p in seen if p.series == series]
+        for series, rows in (series_of(seen) or {"": []}).items():
+            own = [seen[i] for i in rows]
             _need_unit(own)
-            keys = [plain(p.name) if plain(p.name) in places else plain(p.name.rpartition("::")[2]) for p in own]
-            there = np.array([places[k] for k in keys]).reshape(-1, 3)
-            points = np.array([p.listing.xyz()[p.row] for p in own]).reshape(-1, 3)
-            names = tuple(p.name for p in own)
-            found = align("known", there, points, names, series, self.known.sheet.where)
+            there = [next(places[name] for name in _known_as(p) if name in places) for p in own]
+            found = _aligned("known", own, there, series, self.known.sheet.where)
             worst = int(np.argmax(found.missed))
             if found.missed[worst] > self.options.within:
-                message = f"the known point {names[worst]!r} does not lie where it should beside the others"
+                message = f"the known point {own[worst].name!r} does not lie where it should beside the others"
                 size, most = f"{1e3 * found.missed[worst]:.1f} mm off", f"up to {1e3 * self.options.within:g} mm"
                 hint = "Look at its name, the units of both files and the order of x, y, z."
                 raise InputError(own[worst].problem(message, found=size, allowed=most, hint=hint))
@@ -377,8 +346,8 @@ class _Import:
         if self.options.match == "names":
             return match_names(points, campaign, self.experiment)
         out: list[TrackerPoint] = []
-        for series in dict.fromkeys(p.series for p in points):
-            own = [p for p in points if p.series == series]
+        for series, rows in series_of(points).items():
+            own = [points[i] for i in rows]
             _need_unit(own)
             frame = self._frame(series, aligned)
             out += match_nearest(own, campaign, self.experiment, frame, self.options.within)
@@ -394,16 +363,13 @@ class _Import:
 
     def _angles(self, points: Sequence[TrackerPoint], campaign: Campaign, how: str, logged: Sequence[str]) -> Array:
         """Pendant angles (N, n) rad of every point."""
-        planned = np.stack([campaign.poses[p.slot.pose] for p in points if p.slot is not None])
         if self.log is None or how in ("plan", "columns"):
-            return planned
+            return np.stack([campaign.poses[p.taken.pose] for p in points])
         if how == "names":
             own = poses_of(self.log, logged, self.joints)
-            lost = [p for p in points if p.slot is not None and p.slot.pose not in own]
-            if lost:
-                message = "the joint log has no row of this pose"
-                raise InputError([p.problem(message, found=p.slot.pose if p.slot else None) for p in lost])
-            found = np.stack([own[p.slot.pose] for p in points if p.slot is not None])
+            message, lost = "the joint log has no row of this pose", [p for p in points if p.taken.pose not in own]
+            refuse([p.problem(message, found=p.taken.pose) for p in lost])
+            found = np.stack([own[p.taken.pose] for p in points])
         elif how == "order":
             found = join_order(points, self.log, self.joints)
         else:
@@ -411,31 +377,30 @@ class _Import:
         check_planned(points, found, campaign, self.log, self.experiment.robot.controller)
         return found
 
-    def _unloaded_frames(self, points: Sequence[TrackerPoint], pendant: Array) -> tuple[Aligned, ...]:
-        """The frame of every series from its unloaded markers."""
-        places = marker_places(self.experiment, pendant)
-        markers = [m.name for m in self.experiment.markers]
-        out: list[Aligned] = []
-        for series in dict.fromkeys(p.series for p in points):
-            rows = [(i, p, p.slot) for i, p in enumerate(points) if p.series == series and p.slot is not None]
-            rows = [(i, p, s) for i, p, s in rows if not s.loaded]
-            there = np.array([places[i, markers.index(s.marker)] for i, _, s in rows]).reshape(-1, 3)
-            seen = np.array([p.listing.xyz()[p.row] for _, p, _ in rows]).reshape(-1, 3)
-            where = ", ".join(dict.fromkeys(p.listing.sheet.where for p in points))
-            names = tuple(p.name or str(p.line) for _, p, _ in rows)
-            out.append(align(UNLOADED, there, seen, names, series, where))
-        return tuple(out)
+
+def _unloaded_frames(points: Sequence[TrackerPoint], there: Array) -> tuple[Aligned, ...]:
+    """The frame of every series from its unloaded markers, of which the arm puts each there (N, 3) m."""
+    where, out = ", ".join(dict.fromkeys(p.listing.sheet.where for p in points)), list[Aligned]()
+    for series, rows in series_of(points).items():
+        rows = [i for i in rows if not points[i].taken.loaded]
+        out.append(_aligned(UNLOADED, [points[i] for i in rows], [there[i] for i in rows], series, where))
+    return tuple(out)
+
+
+def _aligned(kind: str, points: Sequence[TrackerPoint], there: Sequence[Array], series: str, where: str) -> Aligned:
+    """The frame of a series from points that lie there (3,) m, base frame."""
+    names = tuple(p.name or str(p.line) for p in points)
+    seen = np.array([p.xyz for p in points])
+    return align(kind, np.array(there).reshape(-1, 3), seen.reshape(-1, 3), names, series, where)
+
+
+def _known_as(point: TrackerPoint) -> tuple[str, str]:
+    """By which names a point may be known."""
+    return plain(point.name), plain(point.name.rpartition("::")[2])
 
 
 def _need_unit(points: Sequence[TrackerPoint]) -> None:
-    for point in points:
-        if not point.listing.unit:
-            sheet = point.listing.sheet
-            message, hint = "nothing says the unit of the coordinates", "State it."
-            column = point.listing.column("x")
-            raise InputError(
-                Problem(message, sheet.where, sheet.header_line, column, hint=hint, argument=("unit", "mm"))
-            )
+    refuse([unit_problem(p.listing) for p in points if not p.listing.unit][:1])
 
 
 def _sources(points: Sequence[TrackerPoint]) -> dict[str, str]:
@@ -448,8 +413,7 @@ def _sources(points: Sequence[TrackerPoint]) -> dict[str, str]:
 
 def _of_station(point: TrackerPoint, campaign: Campaign) -> TrackerPoint:
     """With the station of its pose as its series, where it names none."""
-    pose = "" if point.slot is None else point.slot.pose
-    return point if point.series else replace(point, series=campaign.stations.get(pose, ""))
+    return point if point.series else replace(point, series=campaign.stations.get(point.taken.pose, ""))
 
 
 def _read_back(

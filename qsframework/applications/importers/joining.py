@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from qsframework.applications.importers.campaign import Campaign, PlanSlot
+from qsframework.applications.importers.campaign import Campaign
 from qsframework.applications.importers.matching import TrackerPoint, label
 from qsframework.applications.importers.names import decode, plain, vocabulary
 from qsframework.applications.importers.tables import Listing
-from qsframework.errors import MOST_PROBLEMS, InputError, Problem
+from qsframework.errors import InputError, Problem, refuse
 from qsframework.experiment.limits import other_angles
 from qsframework.plugin import Array
 from qsframework.robot import Controller
@@ -52,9 +52,7 @@ def names_of(log: Listing, campaign: Campaign, words: dict[str, str]) -> list[st
 
 def poses_of(log: Listing, names: Sequence[str], joints: int) -> dict[str, Array]:
     """The poses of a log that names them. InputError where one name stands for different angles."""
-    angles = log.angles(joints)
-    assert angles is not None
-    out: dict[str, Array] = {}
+    angles, out = log.angles(joints), dict[str, Array]()
     lines: dict[str, int] = {}
     problems: list[Problem] = []
     for i, name in enumerate(names):
@@ -64,12 +62,11 @@ def poses_of(log: Listing, names: Sequence[str], joints: int) -> dict[str, Array
             turned = np.rad2deg(np.abs(out[name] - angles[i]).max())
             message = f"pose {name!r} stands here with other angles than in line {lines[name]}"
             hint = "Name the second pose differently, or join the log by time or by order."
-            problem = log.problem(i, "q1", message, found=f"up to {turned:.3g} deg", hint=hint)
-            problems.append(replace(problem, argument=("join", "order")))
+            found, argument = f"up to {turned:.3g} deg", ("join", "order")
+            problems.append(log.problem(i, "q1", message, found=found, hint=hint, argument=argument))
         out.setdefault(name, angles[i])
         lines.setdefault(name, log.sheet.rows[i].line)
-    if problems:
-        raise InputError(problems[:MOST_PROBLEMS])
+    refuse(problems)
     return out
 
 
@@ -88,9 +85,7 @@ def visits_of(points: Sequence[TrackerPoint]) -> list[int]:
 def join_order(points: Sequence[TrackerPoint], log: Listing, joints: int) -> Array:
     """Angles (N, joints): the k-th row is of the k-th point, or of the k-th visit (points one after the other at a
     pose and repeat). InputError where the rows are as many as neither."""
-    angles = log.angles(joints)
-    assert angles is not None
-    visit = visits_of(points)
+    angles, visit = log.angles(joints), visits_of(points)
     count = visit[-1] + 1 if visit else 0
     if len(log) == len(points):
         return angles
@@ -98,20 +93,19 @@ def join_order(points: Sequence[TrackerPoint], log: Listing, joints: int) -> Arr
         return angles[visit]
     found, allowed = f"{len(log)} rows", f"{len(points)}, one for each point, or {count}, one for each visit"
     hint = "Cut the log to the readings, or join it by time or by names."
-    problem = Problem("the log has another number of rows than there are points", log.sheet.where, found=found)
-    raise InputError(replace(problem, allowed=allowed, hint=hint, argument=("join", "time")))
+    message, argument = "the log has another number of rows than there are points", ("join", "time")
+    raise InputError(Problem(message, log.sheet.where, found=found, allowed=allowed, hint=hint, argument=argument))
 
 
 def stops_of(log: Listing, joints: int) -> list[Stop]:
     """Where the arm stood still, in the order of time. InputError where times are missing or run backwards."""
     angles, times = log.angles(joints), log.numbers.get("time")
-    assert angles is not None
     if times is None:
-        hint = "Join it by order or by names, or say which column holds the time."
-        message = "the log has no column of times"
-        raise InputError(
-            Problem(message, log.sheet.where, log.sheet.header_line, hint=hint, argument=("join", "order"))
+        message, hint = (
+            "the log has no column of times",
+            "Join it by order or by names, or say which column holds the time.",
         )
+        raise InputError(log.sheet.problem(None, message, hint=hint, argument=("join", "order")))
     back = np.flatnonzero(np.diff(times) < 0.0)
     if len(back):
         i = int(back[0]) + 1
@@ -173,20 +167,16 @@ def _times(points: Sequence[TrackerPoint], log: Listing) -> Array:
     """Times (N,) s of the points, counted from what the log's are."""
     problems: list[Problem] = []
     for listing in dict.fromkeys(p.listing for p in points):
-        where, line = listing.sheet.where, listing.sheet.header_line
+        message = hint = None
         if "time" not in listing.numbers:
+            message = "the points have no column of times"
             hint = "Join by order or by names, or say which column holds the time."
-            problems.append(
-                Problem("the points have no column of times", where, line, hint=hint, argument=("join", "order"))
-            )
         elif listing.clock != log.clock and "count" not in (listing.clock, log.clock):
-            hint = "Export both with the date, or join by order or by names."
             message = "the points' times and the log's are of different kinds: one has the date, the other not"
-            problems.append(
-                Problem(message, where, line, listing.column("time"), hint=hint, argument=("join", "order"))
-            )
-    if problems:
-        raise InputError(problems)
+            hint = "Export both with the date, or join by order or by names."
+        if message:
+            problems.append(listing.problem(None, "time", message, hint=hint, argument=("join", "order")))
+    refuse(problems)
     return np.array([p.listing.numbers["time"][p.row] for p in points])
 
 
@@ -252,14 +242,12 @@ def check_planned(
         off = np.rad2deg(np.abs(angles - planned))
         if off.max() > np.rad2deg(_PLANNED):
             k = int(np.argmax(off))
-            what = label(point.slot) if isinstance(point.slot, PlanSlot) else point.name
-            message = f"{what}: the log has joint {k + 1} {off[k]:.3g} deg from where the plan puts it"
+            message = f"{label(point.taken)}: the log has joint {k + 1} {off[k]:.3g} deg from where the plan puts it"
             hint = f"Is {log.sheet.path.name} of this campaign, in this order, in this unit?"
             problems.append(point.problem(message, hint=hint))
     if len(problems) > 2 and 2 * len(problems) > len(points):
         problems = [_all_elsewhere(problems, points, pendant, campaign, controller)]
-    if problems:
-        raise InputError(problems[:MOST_PROBLEMS])
+    refuse(problems)
 
 
 def _all_elsewhere(

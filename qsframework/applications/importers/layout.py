@@ -8,16 +8,20 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
+from pathlib import Path
+from typing import Any
 
 from qsframework.applications.importers.vocabulary import (
     AXIS_FILLERS,
     BLOCK,
     NOT_MEASURED,
-    XYZ,
     header_parts,
     unit_of,
+    words_of,
 )
+from qsframework.errors import InputError, Problem, refuse
+from qsframework.experiment.columns import MOST_COLUMNS, XYZ
 
 NO_SIGHT = frozenset(("", "nan", "-", "--", "---", "n/a", "#n/a", "na", "null", "none", "inf", "-inf"))
 """What stands in a cell in small letters where the instrument saw nothing."""
@@ -40,23 +44,52 @@ class SheetRow:
     cells: tuple[str, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Layout:
-    """A plain table. header: its names, () where there is none, in `line`; above: lines of text over it.
+@dataclass(frozen=True)
+class Sheet:
+    """One table. header: its names, () where there is none; above, below: lines of text over and under it.
 
-    blocks: labels of the blocks of columns that became rows; left: columns that were to be ignored; below: lines of
-    text under the table; width: cells of a row of the file; wrong: rows that have others
+    separator: a key of SEPARATORS, "" in a workbook, "programme" of positions in a controller's programme, "json"
+    decimal: "" in a workbook; encoding: of a text; blocks: labels of the blocks of columns that became rows;
+    left: columns that were to be ignored
     """
 
-    header: tuple[str, ...]
-    line: int
-    rows: tuple[SheetRow, ...]
+    path: Path
+    name: str = ""
+    _: KW_ONLY
+    header: tuple[str, ...] = ()
+    rows: tuple[SheetRow, ...] = ()
+    header_line: int = 1
     above: tuple[str, ...] = ()
+    separator: str = ""
+    decimal: str = ""
+    encoding: str = ""
     blocks: tuple[str, ...] = ()
     left: tuple[str, ...] = ()
     below: tuple[str, ...] = ()
-    width: int = 0
-    wrong: tuple[SheetRow, ...] = ()
+
+    def problem(self, row: int | None, message: str, column: int | None = None, **more: Any) -> Problem:
+        """A problem at a row (None: the header) and a column, both counted from 0."""
+        name = None if column is None else self.column(column)
+        line = self.header_line if row is None else self.rows[row].line
+        return Problem(message, self.where, line, name, **more)
+
+    @property
+    def where(self) -> str:
+        """The file, and the sheet of a workbook."""
+        return f"{self.path}, sheet {self.name}" if self.name else str(self.path)
+
+    @property
+    def width(self) -> int:
+        """Columns."""
+        return len(self.header) or max((len(r.cells) for r in self.rows), default=0)
+
+    def column(self, k: int) -> str:
+        """Name of a column, or its number from 1."""
+        return (self.header[k] if k < len(self.header) else "") or str(k + 1)
+
+    def cells(self, k: int) -> list[str]:
+        """The cells of a column."""
+        return [row.cells[k] for row in self.rows]
 
 
 def is_data(cells: Sequence[str]) -> bool:
@@ -72,10 +105,12 @@ def is_axis_line(cells: Sequence[str]) -> bool:
     return any(c.lower() in XYZ for c in cells) and any(_PLAIN_NUMBER.fullmatch(c) for c in cells)
 
 
-def lay_out(rows: Sequence[SheetRow], ignore: Sequence[str] = ()) -> Layout:
-    """The plain table that rows hold; ignore: names of columns to leave out."""
-    folded = _one_point_a_row(rows)
-    if folded is not None:
+def lay_out(sheet: Sheet, rows: Sequence[SheetRow], ignore: Sequence[str] = ()) -> Sheet:
+    """The sheet with the plain table that rows hold; ignore: names of columns to leave out.
+
+    InputError where there is none, or where rows have another number of cells than its heading, or than the first.
+    """
+    if (folded := _one_point_a_row(sheet, rows)) is not None:
         return folded
     first = _first(rows)
     before, data, below = list(rows[:first]), *_parted(rows[first:])
@@ -86,8 +121,9 @@ def lay_out(rows: Sequence[SheetRow], ignore: Sequence[str] = ()) -> Layout:
         units = list(before.pop().cells)
     before = _with_marker_names(before, data)
     if not before or not data or (len(before[-1].cells) == 1 and len(data[0].cells) > 1):
-        out = Layout(header=(), line=data[0].line if data else 1, rows=(), above=_texts(before), below=below)
-        return _with_rows(out, data, len(data[0].cells) if data else 0)
+        line, width = (data[0].line, len(data[0].cells)) if data else (1, 0)
+        sheet = replace(sheet, header_line=line, above=(*sheet.above, *_texts(before)), below=below)
+        return _with_rows(sheet, data, width)
     heading = before.pop()
     over: list[SheetRow] = []
     while before and _stands_over(before[-1].cells, heading.cells):
@@ -95,15 +131,28 @@ def lay_out(rows: Sequence[SheetRow], ignore: Sequence[str] = ()) -> Layout:
     columns, blocks = _headed(over, heading, units, [w.lower() for w in ignore])
     before += [] if any(c.over for c in columns) else over
     data = [row for row in data if row.cells != heading.cells]  # exports of one kind, one after the other
-    out = Layout(header=(), line=heading.line, rows=(), above=_texts(before), below=below)
-    return _melted(_with_rows(out, data, len(columns)), columns, blocks)
+    sheet = replace(sheet, header_line=heading.line, above=(*sheet.above, *_texts(before)), below=below)
+    return _melted(_with_rows(sheet, data, len(columns)), columns, blocks)
 
 
-def _with_rows(table: Layout, rows: Sequence[SheetRow], width: int) -> Layout:
-    """The table with the rows that are so wide; the others apart."""
-    rows = [_fitting(row, width) for row in rows]
-    good, wrong = ([r for r in rows if (len(r.cells) == width) is fits] for fits in (True, False))
-    return replace(table, rows=tuple(good), width=width, wrong=tuple(wrong))
+def _with_rows(sheet: Sheet, rows: Sequence[SheetRow], width: int) -> Sheet:
+    """The sheet with its rows. InputError where these are none, or not all so wide."""
+    if not rows:
+        hint = "A point list has at least three numbers in every row; is it an export of points, and not of a report?"
+        raise InputError(Problem("holds no rows of numbers", sheet.where, hint=hint))
+    rows, hint = [_fitting(row, width) for row in rows], None
+    if sheet.separator == "," and all(len(row.cells) > width for row in rows):
+        hint = "A comma seems to separate the columns and the decimals: export with ';' or a tab between columns."
+    _check_widths(sheet, rows, width, hint)
+    return replace(sheet, rows=tuple(rows))
+
+
+def _check_widths(sheet: Sheet, rows: Sequence[SheetRow], width: int, hint: str | None = None) -> None:
+    if width > MOST_COLUMNS:
+        raise InputError(sheet.problem(None, f"holds more than {MOST_COLUMNS} columns"))
+    message, allowed = "wrong number of columns", str(width)
+    wrong = [(row.line, str(len(row.cells))) for row in rows if len(row.cells) != width]
+    refuse([Problem(message, sheet.where, k, found=found, allowed=allowed, hint=hint) for k, found in wrong])
 
 
 def _texts(rows: Sequence[SheetRow]) -> tuple[str, ...]:
@@ -163,7 +212,7 @@ def _stands_over(cells: Sequence[str], heading: Sequence[str]) -> bool:
 
 
 @dataclass(frozen=True)
-class _Column:
+class _Heading:
     """A column: its own heading, and what the rows over it say, an empty cell what stands to its left."""
 
     name: str
@@ -172,23 +221,22 @@ class _Column:
     @property
     def axis(self) -> str:
         """x, y or z; "" where the headings do not say that it is a measured coordinate."""
-        words = [w.lower() for w in re.findall(r"[^\W_]+", header_parts(self.name)[0])]
-        every = [*words, *(w.lower() for text in self.over for w in re.findall(r"[^\W_]+", text))]
+        words = words_of(header_parts(self.name)[0].lower())
+        every = [*words, *words_of(" ".join(self.over).lower())]
         axes = [w[0] for w in words if re.fullmatch(r"[xyz]\d{0,3}", w)]
         return axes[0] if len(axes) == 1 and not NOT_MEASURED.intersection(every) else ""
 
     @property
     def label(self) -> str:
         """What its own heading says beside the axis."""
-        words = re.findall(r"[^\W_]+", header_parts(self.name)[0])
-        words = [re.sub(r"^[xyzXYZ](?=\d{0,3}$)", "", w) for w in words]
+        words = [re.sub(r"^[xyzXYZ](?=\d{0,3}$)", "", w) for w in words_of(header_parts(self.name)[0])]
         return " ".join(w for w in words if w and w.lower() not in AXIS_FILLERS)
 
     @property
     def is_plain(self) -> bool:
         """Whether nothing in the headings says of which point this coordinate is."""
-        words = [w.lower() for text in self.over for w in re.findall(r"[^\W_]+", header_parts(text)[0])]
-        return not self.label and all(w in AXIS_FILLERS for w in words)
+        words = [w for text in self.over for w in words_of(header_parts(text)[0].lower())]
+        return not self.label and AXIS_FILLERS.issuperset(words)
 
     @property
     def full(self) -> str:
@@ -200,19 +248,19 @@ def _own_or_left(left: str, own: str) -> str:
     return own or left
 
 
-def _columns(rows: Sequence[Sequence[str]], units: Sequence[str]) -> list[_Column]:
+def _columns(rows: Sequence[Sequence[str]], units: Sequence[str]) -> list[_Heading]:
     """The columns by their headings, each with its unit; an empty cell over a heading says what stands to its left."""
     width = max(map(len, rows))
     direct = [(*row, *("",) * (width - len(row))) for row in rows]
     filled = [tuple(itertools.accumulate(row, _own_or_left)) for row in direct]
-    out: list[_Column] = []
+    out: list[_Heading] = []
     for k in range(width):
         last = max((i for i, row in enumerate(direct) if row[k]), default=0)
         name, over = direct[last][k], tuple(row[k] for row in filled[:last] if row[k])
         unit = units[k].strip("[]()") if len(units) == width else ""
         owned = over if _axis_word(name) else tuple(row[k] for row in direct[:last])
         unit = unit or next((u for text in owned if (u := header_parts(text)[1])), "")
-        out.append(_Column(f"{name} [{unit}]" if unit and not header_parts(name)[1] else name, over))
+        out.append(_Heading(f"{name} [{unit}]" if unit and not header_parts(name)[1] else name, over))
     return out
 
 
@@ -227,7 +275,7 @@ class _Blocks:
 
 def _headed(
     over: Sequence[SheetRow], heading: SheetRow, units: Sequence[str], ignore: Sequence[str]
-) -> tuple[list[_Column], _Blocks]:
+) -> tuple[list[_Heading], _Blocks]:
     """The columns by as many heading rows as say what the coordinates are, and their blocks; text that only happens to
     stand above is none."""
     for k in range(len(over) + 1):
@@ -249,24 +297,24 @@ def _headed(
     return columns, _Blocks([], [], [i for i, c in enumerate(columns) if c.name.lower() in ignore])
 
 
-def _melted(table: Layout, columns: Sequence[_Column], blocks: _Blocks) -> Layout:
-    """The table with its heading; where blocks of columns hold coordinates, each becomes rows of its own."""
+def _melted(sheet: Sheet, columns: Sequence[_Heading], blocks: _Blocks) -> Sheet:
+    """The sheet with its heading; where blocks of columns hold coordinates, each becomes rows of its own."""
     within = {k for own in blocks.places for k in own.values()}
     names = _names(columns)
     keep = [k for k in range(len(columns)) if k not in within and k not in blocks.left]
-    out = replace(table, header=tuple(names[k] for k in keep), left=tuple(names[k] for k in blocks.left))
+    sheet = replace(sheet, header=tuple(names[k] for k in keep), left=tuple(names[k] for k in blocks.left))
     if not within:
-        return replace(out, rows=tuple(replace(r, cells=tuple(r.cells[k] for k in keep)) for r in table.rows))
+        return replace(sheet, rows=tuple(replace(r, cells=tuple(r.cells[k] for k in keep)) for r in sheet.rows))
     units = {k: header_parts(columns[k].name)[1] for k in within}
     one = units[min(within)] if len(set(units.values())) == 1 else ""
     rows = [
         SheetRow(row.line, (*(row.cells[k] for k in keep), label, *(f"{row.cells[k]} {u}".strip() for k, u in at)))
-        for row in table.rows
+        for row in sheet.rows
         for label, own in zip(blocks.labels, blocks.places, strict=True)
         for at in [[(own[a], "" if one else units[own[a]]) for a in XYZ]]
     ]
     axes = [f"{a.upper()} [{one}]" if one else a.upper() for a in XYZ]
-    return replace(out, header=(*out.header, BLOCK, *axes), rows=tuple(rows), blocks=tuple(blocks.labels))
+    return replace(sheet, header=(*sheet.header, BLOCK, *axes), rows=tuple(rows), blocks=tuple(blocks.labels))
 
 
 def _fitting(row: SheetRow, width: int) -> SheetRow:
@@ -277,7 +325,7 @@ def _fitting(row: SheetRow, width: int) -> SheetRow:
     return replace(row, cells=cells)
 
 
-def _labels(columns: Sequence[_Column]) -> list[str]:
+def _labels(columns: Sequence[_Heading]) -> list[str]:
     """What tells the blocks of these columns apart: their own headings, or the first row over them; [] for nothing."""
     if len(columns) < 2:  # one block has no other to be told from; its own heading alone may be of any point
         return [" ".join(c.over[:2]) for c in columns if c.over and not c.label]
@@ -288,7 +336,7 @@ def _labels(columns: Sequence[_Column]) -> list[str]:
     return next((way for way in ways if len(set(way)) == len(way) and all(way)), list[str]())
 
 
-def _names(columns: Sequence[_Column]) -> list[str]:
+def _names(columns: Sequence[_Heading]) -> list[str]:
     """A name for every column: its own heading, with those over it where another has the same, or where it would be
     taken for a coordinate that was measured."""
     own = [c.name.lower() for c in columns]
@@ -304,8 +352,8 @@ def _axis_word(name: str) -> bool:
     return header_parts(name)[0].strip().lower() in XYZ
 
 
-def _one_point_a_row(rows: Sequence[SheetRow]) -> Layout | None:
-    """The points of a report with one axis a line; None where it is something else."""
+def _one_point_a_row(sheet: Sheet, rows: Sequence[SheetRow]) -> Sheet | None:
+    """The sheet with the points of a report with one axis a line; None where it is something else."""
     apart = [replace(r, cells=_axis_apart(r.cells)) for r in rows]
     more = max((len(a.cells) - len(r.cells) for a, r in zip(apart, rows, strict=True)), default=0)
     rows = apart
@@ -343,10 +391,9 @@ def _one_point_a_row(rows: Sequence[SheetRow]) -> Layout | None:
         points[-1][2][axis] = f"{row.cells[k]} {unit}" if unit else row.cells[k]
     if any(len(own) != len(XYZ) for _, _, own in points) and not wrong:
         return None
-    found_rows = tuple(SheetRow(line, (name, *(own.get(a, "") for a in XYZ))) for line, name, own in points)
-    return Layout(
-        header=("name", *XYZ), line=rows[0].line, rows=found_rows, width=len(heading) - more, wrong=tuple(wrong)
-    )
+    sheet = replace(sheet, header=("name", *XYZ), header_line=rows[0].line)
+    _check_widths(sheet, wrong, len(heading) - more)
+    return replace(sheet, rows=tuple(SheetRow(k, (name, *(own[a] for a in XYZ))) for k, name, own in points))
 
 
 def _axis_apart(cells: Sequence[str]) -> tuple[str, ...]:

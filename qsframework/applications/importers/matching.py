@@ -7,17 +7,18 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from fnmatch import fnmatchcase
+from typing import Any
 
 import numpy as np
 
 from qsframework.applications.importers.campaign import Campaign, PlanSlot
 from qsframework.applications.importers.names import HALF, Said, Vocabulary, decode, plain, vocabulary
-from qsframework.applications.importers.placing import marker_places
 from qsframework.applications.importers.tables import Listing, quoted_word
-from qsframework.applications.importers.vocabulary import PLAIN
+from qsframework.applications.importers.vocabulary import FOUND_BY, PLAIN
 from qsframework.applications.protocol import HALF as HALF_LOAD
-from qsframework.errors import MOST_PROBLEMS, InputError, Problem, nearest
+from qsframework.errors import InputError, Problem, nearest, refuse
 from qsframework.experiment import Experiment, Frame
+from qsframework.plugin import Array
 
 _REFLECTOR = re.compile(
     r"\b(rrr|ccr|smr|tbr|brr|rfi|tmc|t-?mac|prism|cat-?eye|reflector|reflektor|corner cube)\b", re.IGNORECASE
@@ -54,9 +55,30 @@ class TrackerPoint:
     slot: PlanSlot | None = None
     by: tuple[tuple[str, str], ...] = ()
 
-    def problem(self, message: str, role: str = "name", **more: str | None) -> Problem:
+    def problem(self, message: str, role: str = "name", **more: Any) -> Problem:
         """A problem of this point."""
         return self.listing.problem(self.row, role, message, **more)
+
+    @property
+    def taken(self) -> PlanSlot:
+        """What it was taken as."""
+        assert self.slot is not None
+        return self.slot
+
+    @property
+    def xyz(self) -> Array:
+        """Its coordinates (3,)."""
+        return self.listing.xyz[self.row]
+
+    @property
+    def hidden(self) -> bool:
+        """Whether the instrument saw nothing."""
+        return bool(self.listing.hidden[self.row])
+
+    @property
+    def block(self) -> str | None:
+        """The block of columns that it stands in."""
+        return self.listing.texts["block"][self.row] if "block" in self.listing.texts else None
 
     @property
     def line(self) -> int:
@@ -103,21 +125,15 @@ def without_idle_names(listing: Listing, campaign: Campaign, experiment: Experim
 
 def _check_words(naming: Naming, known: Vocabulary, campaign: Campaign, markers: Sequence[str]) -> None:
     allowed = [*campaign.poses, *markers, "loaded", "unloaded"]
-    wrong = [
-        Problem(
-            f"the word {word!r} cannot mean this",
-            found=repr(meant),
-            allowed=_few(allowed),
-            hint=nearest(meant, allowed),
-        )
-        for word, meant in naming.names.items()
-        if plain(meant) not in known.meanings
-    ]
+    wrong: list[Problem] = []
+    for word, meant in naming.names.items():
+        if plain(meant) not in known.meanings:
+            message, hint = f"the word {word!r} cannot mean this", nearest(meant, allowed)
+            wrong.append(Problem(message, found=repr(meant), allowed=_few(allowed), hint=hint))
     if naming.state not in ("", "loaded", "unloaded"):
         hint = nearest(naming.state, ("loaded", "unloaded"))
         wrong.append(Problem("no such state", found=repr(naming.state), allowed="unloaded, loaded", hint=hint))
-    if wrong:
-        raise InputError(wrong)
+    refuse(wrong)
 
 
 def _few(names: Sequence[str]) -> str:
@@ -130,9 +146,8 @@ def _point(listing: Listing, i: int, name: str, around: Said, known: Vocabulary,
     said = decode(name, known)
     by = {kind: "name" for kind in ("pose", "marker", "loaded") if getattr(said, kind) is not None}
     for role, cells in listing.texts.items():
-        if role in ("pose", "marker", "state", "load_id", "repeat", "cycle") and cells[i]:
-            told = decode(cells[i], known)
-            said, kind = _of_column(said, role, cells[i], told, known)
+        if role in FOUND_BY[1:] and cells[i]:
+            said, kind = _of_column(said, role, cells[i], known)
             by[kind] = "column"
     if said.loaded is None and around.loaded is not None:
         said = replace(said, loaded=around.loaded, load=said.load or around.load)
@@ -146,10 +161,10 @@ def _point(listing: Listing, i: int, name: str, around: Said, known: Vocabulary,
     return TrackerPoint(listing, i, name, said, series=series, by=tuple(by.items()))
 
 
-def _of_column(said: Said, role: str, cell: str, told: Said, known: Vocabulary) -> tuple[Said, str]:
+def _of_column(said: Said, role: str, cell: str, known: Vocabulary) -> tuple[Said, str]:
     """What a column of its own says."""
-    several = tuple(s for s in said.several if not s.startswith(("pose" if role == "pose" else role,)))
-    said = replace(said, several=several)
+    told = decode(cell, known)
+    said = replace(said, several=tuple(s for s in said.several if not s.startswith(role)))
     if role in ("pose", "marker"):
         meant = [value for kind, value in known.meanings.get(plain(cell), ()) if kind == role]
         return replace(said, **{role: meant[0] if len(meant) == 1 else cell}), role
@@ -166,11 +181,9 @@ def match_names(points: Sequence[TrackerPoint], campaign: Campaign, experiment: 
     problems: list[Problem] = []
     out: list[TrackerPoint] = []
     for point in points:
-        found = _named(point, campaign, experiment, problems)
-        if found is not None:
-            out.append(found)
-    if problems:
-        raise InputError(_gathered(problems, points)[:MOST_PROBLEMS])
+        taken = _named(point, campaign, experiment, problems)
+        out += [] if taken is None else [taken]
+    refuse(_gathered(problems, points))
     check_twice(out)
     return out
 
@@ -180,14 +193,14 @@ def check_order_meant(points: Sequence[TrackerPoint], campaign: Campaign, experi
     plan their order is proposed, with the first of them as they would be read."""
     order, strange = _order(points, campaign), _strange_blocks(points)
     bare = [p for p in points if not p.name and "pose" not in p.listing.texts]
-    others = [p for p in points if "block" not in p.listing.texts or p.listing.texts["block"][p.row] not in strange]
+    others = [p for p in points if p.block not in strange]
     fits = len(others) == len(order) > 0
     if any(p.said.pose is not None for p in points) or not (bare or fits):
         return
     if strange and fits:
         message, hint = f"the block of columns {strange[0]!r} names no marker", "Leave it out."
-        problem = points[0].problem(message, "block", allowed=_few([m.name for m in experiment.markers]), hint=hint)
-        raise InputError(_with(problem, "ignore", quoted_word(strange[0])))
+        allowed, argument = _few([m.name for m in experiment.markers]), ("ignore", quoted_word(strange[0]))
+        raise InputError(points[0].problem(message, "block", allowed=allowed, hint=hint, argument=argument))
     message, role = "no name says a pose of the plan", "name"
     if bare:
         message, role = f"{len(bare)} points have no names, of which this is the first", "x"
@@ -199,7 +212,7 @@ def check_order_meant(points: Sequence[TrackerPoint], campaign: Campaign, experi
     pairs = list(zip(_in_order(points, experiment), order, strict=True))[:3]
     first = "; ".join(f"line {p.line} is {label(slot)}" for p, slot in pairs)
     hint = f"Take them in the order of the plan; so read, {first}."
-    raise InputError(_with((bare or points)[0].problem(message, role, hint=hint), "match", "order"))
+    raise InputError((bare or points)[0].problem(message, role, hint=hint, argument=("match", "order")))
 
 
 def _order(points: Sequence[TrackerPoint], campaign: Campaign) -> list[PlanSlot]:
@@ -212,11 +225,8 @@ def _in_order(points: Sequence[TrackerPoint], experiment: Experiment) -> list[Tr
     """The points as the files have them, those of one row in the order of the experiment's markers."""
     markers = [m.name for m in experiment.markers]
     files = list(dict.fromkeys(id(p.listing) for p in points))
-    return sorted(points, key=lambda p: (files.index(id(p.listing)), p.line, _marker_place(p, markers)))
-
-
-def _marker_place(point: TrackerPoint, markers: Sequence[str]) -> int:
-    return markers.index(point.said.marker) if point.said.marker in markers else -1
+    places = {name: k for k, name in enumerate(markers)}
+    return sorted(points, key=lambda p: (files.index(id(p.listing)), p.line, places.get(p.said.marker or "", -1)))
 
 
 def _gathered(problems: Sequence[Problem], points: Sequence[TrackerPoint]) -> list[Problem]:
@@ -251,9 +261,8 @@ def _named(
     before = len(problems)
     if said.several:
         hint = "Let columns say pose and marker, or rename the point."
-        problems.append(
-            point.problem(f"the name {point.name!r} says more than one thing", found="; ".join(said.several), hint=hint)
-        )
+        message, found = f"the name {point.name!r} says more than one thing", "; ".join(said.several)
+        problems.append(point.problem(message, found=found, hint=hint))
     if said.pose is None or said.pose not in campaign.poses:
         problems.append(_no_pose(point, campaign))
     marker = said.marker
@@ -263,17 +272,17 @@ def _named(
         what = "says no marker" if marker is None else f"says a marker that the experiment has not, {marker!r}"
         hint = nearest(marker or (said.unknown or ("",))[0], markers)
         message = f"the name {point.name!r} {what}"
-        problem = point.problem(message, allowed=_few(markers), hint=hint)
-        in_block = "block" in point.listing.texts and point.said.pose is not None
-        leave = ("ignore", quoted_word(point.listing.texts["block"][point.row])) if in_block else None
-        problems.append(replace(problem, argument=leave or ("word", "FOUND=MARKER")))
+        of_block = point.block is not None and said.pose is not None
+        argument = ("ignore", quoted_word(point.block or "")) if of_block else ("word", "FOUND=MARKER")
+        problems.append(point.problem(message, allowed=_few(markers), hint=hint, argument=argument))
     loaded = said.loaded
     if loaded is None and not campaign.loads and not experiment.has_load:
         loaded, by["loaded"] = False, "only"
     if loaded is None:
         message = f"nothing says whether {point.name!r} was read loaded or unloaded"
         hint = "Say it of all points, or say which word means it."
-        problems.append(_with(point.problem(message, allowed="unloaded, loaded", hint=hint), "state", "unloaded"))
+        argument = ("state", "unloaded")
+        problems.append(point.problem(message, allowed="unloaded, loaded", hint=hint, argument=argument))
     if len(problems) > before or said.pose is None or marker is None or loaded is None:
         return None
     load = _load(point, said.pose, said.load, campaign, problems) if loaded else ""
@@ -284,41 +293,32 @@ def _named(
     return None if len(problems) > before else replace(point, slot=slot, by=tuple(by.items()))
 
 
-def _with(problem: Problem, option: str, value: str) -> Problem:
-    return replace(problem, argument=(option, value))
-
-
 def _no_pose(point: TrackerPoint, campaign: Campaign) -> Problem:
     names = list(campaign.poses)
     said = point.said.pose or "_".join(point.said.unknown) or point.name
     near = nearest(said.lower(), names) or nearest(said, names)
     message = f"the name {point.name!r} says no pose of the plan"
     hint = near or "Say what its words mean, or which points to leave out."
-    return _with(point.problem(message, allowed=_few(names), hint=hint), "word", "FOUND=POSE")
+    return point.problem(message, allowed=_few(names), hint=hint, argument=("word", "FOUND=POSE"))
 
 
 def _load(point: TrackerPoint, pose: str, said: str, campaign: Campaign, problems: list[Problem]) -> str:
     """The load_id at a pose that a name means."""
-    own = list(campaign.loads.get(pose, {}))
-    names = campaign.names.get(pose, {})
-    fits = own
-    if said == HALF:
-        fits = [i for i in own if i.startswith(HALF_LOAD)]
-    elif said:
+    own, names = list(campaign.loads.get(pose, {})), campaign.names.get(pose, {})
+    fits = [i for i in own if i.startswith(HALF_LOAD) is (said == HALF)]
+    if said not in ("", HALF):
         fits = [i for i in own if said in (i, names.get(i))]
-    else:
-        fits = [i for i in own if not i.startswith(HALF_LOAD)]
     if len(fits) == 1:
         return fits[0]
     told = ", ".join(names.get(i) or i for i in own)
     if not own:
         message, hint = f"no load is known at pose {pose!r}", "Give the plan or the table that says it."
-        problems.append(_with(point.problem(message, hint=hint), "plan", "plan.csv"))
+        problems.append(point.problem(message, hint=hint, argument=("plan", "plan.csv")))
     elif not fits:
         problems.append(point.problem(f"pose {pose!r} has no load {said!r}", allowed=told))
     else:
-        hint = "Let the name say which one."
-        problems.append(point.problem(f"several loads hung at pose {pose!r}", found=told, hint=hint))
+        message, hint = f"several loads hung at pose {pose!r}", "Let the name say which one."
+        problems.append(point.problem(message, found=told, hint=hint))
     return ""
 
 
@@ -338,18 +338,13 @@ def check_twice(points: Sequence[TrackerPoint]) -> None:
         other = first.setdefault((point.series, point.slot), point)
         if other is point or point.slot is None:
             continue
-        apart = float(np.linalg.norm(point.listing.xyz()[point.row] - other.listing.xyz()[other.row]))
+        apart = float(np.linalg.norm(point.xyz - other.xyz))
         size = f"{apart * 1e3:.3g} mm apart" if point.listing.unit else f"{apart:.4g} apart"
-        where = (
-            f"line {other.line}"
-            if other.listing is point.listing
-            else f"{other.listing.sheet.where}, line {other.line}"
-        )
-        message = f"two points for one marker: {label(point.slot)} stands in {where} too, {size}"
+        where = "" if other.listing is point.listing else f"{other.listing.sheet.where}, "
+        message = f"two points for one marker: {label(point.slot)} stands in {where}line {other.line} too, {size}"
         hint = f"Delete or ignore one, or end the name of the second reading with r{point.slot.repeat + 1}."
         problems.append(point.problem(message, found=repr(point.name), hint=hint))
-    if problems:
-        raise InputError(problems[:MOST_PROBLEMS])
+    refuse(problems)
 
 
 def match_order(points: Sequence[TrackerPoint], campaign: Campaign, experiment: Experiment) -> list[TrackerPoint]:
@@ -363,11 +358,9 @@ def match_order(points: Sequence[TrackerPoint], campaign: Campaign, experiment: 
         told = f"{len(points)} points"
         allowed = f"{len(order)} readings, as in {campaign.source}"
         hint = "Name the points, or export exactly those of the campaign; points on the floor can be ignored."
-        problem = Problem("the points are not as many as the readings of the plan", files, found=told, allowed=allowed)
-        strange = _strange_blocks(points)
-        raise InputError(
-            _with(replace(problem, hint=hint), "ignore", quoted_word(strange[0]) if strange else "PATTERN")
-        )
+        message, strange = "the points are not as many as the readings of the plan", _strange_blocks(points)
+        argument = ("ignore", quoted_word(strange[0]) if strange else "PATTERN")
+        raise InputError(Problem(message, files, found=told, allowed=allowed, hint=hint, argument=argument))
     problems: list[Problem] = []
     out: list[TrackerPoint] = []
     for point, slot in zip(points, order, strict=True):
@@ -376,18 +369,15 @@ def match_order(points: Sequence[TrackerPoint], campaign: Campaign, experiment: 
         if any(told is not None and told != meant for told, meant in pairs):
             message = f"by the order this is {label(slot)}, but it is named {point.name!r}"
             hint = "Put the points in the order of the plan, or match them by their names."
-            problems.append(_with(point.problem(message, hint=hint), "match", "names"))
+            problems.append(point.problem(message, hint=hint, argument=("match", "names")))
         out.append(replace(point, slot=slot, by=(("pose", "order"), ("marker", "order"), ("loaded", "order"))))
-    if problems:
-        raise InputError(problems[:MOST_PROBLEMS])
+    refuse(problems)
     return out
 
 
 def _strange_blocks(points: Sequence[TrackerPoint]) -> list[str]:
     """Blocks of columns that name no marker where others do."""
-    labels = dict.fromkeys(
-        (p.listing.texts["block"][p.row], p.said.marker) for p in points if "block" in p.listing.texts
-    )
+    labels = dict.fromkeys((p.block, p.said.marker) for p in points if p.block is not None)
     named = any(marker is not None for _, marker in labels)
     return [text for text, marker in labels if marker is None] if named else []
 
@@ -401,46 +391,37 @@ def match_nearest(
     said, where nothing is near (m), or where two are about as near.
     """
     poses = list(campaign.poses)
-    markers = [m.name for m in experiment.markers]
+    slots = [(pose, m.name) for pose in poses for m in experiment.markers]
     if not poses:
         hint = "Give a plan, or a joint log with the names of the poses."
         raise InputError(Problem("the nearest pose needs poses", hint=hint, argument=("plan", "plan.csv")))
     pendant = np.stack([campaign.poses[p] for p in poses])
-    there = frame.apply(marker_places(experiment, pendant)).reshape(-1, 3)
+    there = frame.apply(experiment.rigid_places(experiment.robot.controller.to_joints(pendant))).reshape(-1, 3)
     problems: list[Problem] = []
     out: list[TrackerPoint] = []
     for point in points:
-        at = point.listing.xyz()[point.row]
-        off = np.linalg.norm(there - at, axis=1)
-        allowed = np.array([_may_be(point, pose, marker) for pose in poses for marker in markers])
-        off = np.where(allowed, off, np.inf)
+        said = point.said
+        allowed = [said.pose in (None, pose) and said.marker in (None, marker) for pose, marker in slots]
+        off = np.where(allowed, np.linalg.norm(there - point.xyz, axis=1), np.inf)
         first, second = (int(k) for k in np.argsort(off)[:2]) if len(off) > 1 else (0, 0)
-        pose, marker = poses[first // len(markers)], markers[first % len(markers)]
+        pose, marker = slots[first]
         if not off[first] < within:
             message = f"{point.name!r} lies near no marker of the plan"
             near = f"{1e3 * off[first]:.0f} mm from {marker} at {pose}" if np.isfinite(off[first]) else "nothing"
             hint = "Leave it out, or look at frame, unit and plan."
-            problem = point.problem(message, "x", found=near, allowed=f"up to {1e3 * within:.0f} mm", hint=hint)
-            problems.append(_with(problem, "ignore", "PATTERN"))
+            most, argument = f"up to {1e3 * within:.0f} mm", ("ignore", "PATTERN")
+            problems.append(point.problem(message, "x", found=near, allowed=most, hint=hint, argument=argument))
             continue
         if first != second and off[second] < _APART * max(off[first], 1e-3):
-            other = f"{markers[second % len(markers)]} at {poses[second // len(markers)]}"
-            found = f"{1e3 * off[first]:.1f} mm to {marker} at {pose}, {1e3 * off[second]:.1f} mm to {other}"
+            other = f"{1e3 * off[second]:.1f} mm to {slots[second][1]} at {slots[second][0]}"
+            found = f"{1e3 * off[first]:.1f} mm to {marker} at {pose}, {other}"
             hint = "Let the names say which is which."
             problems.append(point.problem(f"{point.name!r} lies as near to two markers", "x", found=found, hint=hint))
             continue
-        said = replace(point.said, pose=pose, marker=marker)
         by = {**dict(point.by), "pose": "place", "marker": "place"}
-        found_slot = _named(replace(point, said=said, by=tuple(by.items())), campaign, experiment, problems)
-        if found_slot is not None:
-            out.append(found_slot)
-    if problems:
-        raise InputError(problems[:MOST_PROBLEMS])
+        placed = replace(point, said=replace(said, pose=pose, marker=marker), by=tuple(by.items()))
+        taken = _named(placed, campaign, experiment, problems)
+        out += [] if taken is None else [taken]
+    refuse(problems)
     check_twice(out)
     return out
-
-
-def _may_be(point: TrackerPoint, pose: str, marker: str) -> bool:
-    """Whether the name leaves this pose and marker possible."""
-    said = point.said
-    return said.pose in (None, pose) and said.marker in (None, marker)

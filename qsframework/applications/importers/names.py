@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from qsframework.applications.importers.campaign import Campaign
-from qsframework.applications.importers.vocabulary import LOADED, UNLOADED
+from qsframework.applications.importers.vocabulary import LOADED, UNLOADED, words_of
 
 _TOKEN = re.compile(r"[^\W\d_]+\d*|\d+")
 _COUNT = re.compile(r"(r|rep|repeat|c|cycle)0*([1-9]\d{0,4})")
@@ -42,7 +42,7 @@ class Vocabulary:
 
 def plain(text: str) -> str:
     """Letters and digits alone, small, without zeros in front of a number: P-07 and p7 are one."""
-    return re.sub(r"(?<!\d)0+(?=\d)", "", "".join(re.findall(r"[^\W_]+", text.lower())))
+    return re.sub(r"(?<!\d)0+(?=\d)", "", "".join(words_of(text.lower())))
 
 
 def vocabulary(campaign: Campaign, markers: Sequence[str], words: Mapping[str, str]) -> Vocabulary:

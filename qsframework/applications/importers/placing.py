@@ -1,18 +1,22 @@
-"""Where points lie against where the arm puts its markers: the tracker's frame, and points that belong elsewhere."""
+"""Where points lie against where the arm puts its markers: their unit, the tracker's frame, which belong elsewhere."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from qsframework.elastostatics import make_model
-from qsframework.errors import InputError, Problem
+from qsframework.applications.importers.campaign import Campaign
+from qsframework.applications.importers.matching import TrackerPoint, label
+from qsframework.applications.importers.tables import Listing
+from qsframework.errors import InputError, Problem, refuse
 from qsframework.experiment import Experiment, Frame
 from qsframework.experiment.frames import procrustes
-from qsframework.plugin import Array, Indices, Poses
+from qsframework.experiment.limits import other_angles
+from qsframework.plugin import Array, Indices
 
 UNITS = {"mm": 1e-3, "m": 1.0, "inch": 0.0254, "cm": 1e-2, "um": 1e-6, "foot": 0.3048}
 """Units that trackers export, in m."""
@@ -23,6 +27,14 @@ _FLAT = 0.02
 _DRAWS = 300
 _SEED = 0
 """Frames that are tried are the same at every run."""
+_MOST_AGREE = 0.5
+"""Share of the points that must agree with one frame before the others are called wrong one by one."""
+_FEWEST_AGREE = 4
+"""Any three points agree with some frame."""
+_NEARLY_ALL = 0.9
+"""Share of the points that must agree under another convention for it to be named."""
+_NEAR = 1e-2
+"""m: a point that another marker, pose or unit brings so near is probably that."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,13 +68,11 @@ class Aligned:
         return np.sqrt(np.diag(self.covariance))
 
 
-def marker_places(experiment: Experiment, pendant: Array) -> Array:
-    """Where a rigid nominal arm puts every marker: (N, K, 3) m, base frame, for pendant angles (N, n) rad."""
-    robot = experiment.robot
-    sites = [(m.name, experiment.site(m.link, m.xyz)) for m in experiment.markers]
-    rigid = make_model(robot.facts, [], [], experiment.load_site, sites, robot.gravity)
-    poses = Poses(pendant, robot.controller.to_joints(pendant), np.zeros((len(pendant), 6)))
-    return rigid.positions(poses)
+def expected_places(points: Sequence[TrackerPoint], pendant: Array, experiment: Experiment) -> Array:
+    """Where a rigid nominal arm puts the marker of each point: (N, 3) m, base frame, at pendant angles (N, n) rad."""
+    places = {m.name: k for k, m in enumerate(experiment.markers)}
+    markers = [places[p.taken.marker] for p in points]
+    return experiment.rigid_places(experiment.robot.controller.to_joints(pendant))[np.arange(len(points)), markers]
 
 
 def align(kind: str, there: Array, points: Array, names: tuple[str, ...], series: str, where: str) -> Aligned:
@@ -159,3 +169,127 @@ def likely_unit(raw: Array, there: Array) -> str | None:
         return None
     name, size = min(UNITS.items(), key=lambda u: abs(math.log(u[1] * spread / own)))
     return name if abs(math.log(size * spread / own)) < _LIKE else None
+
+
+@dataclass(frozen=True)
+class Placed:
+    """How the points of a series lie to the nominal arm, in the frame that suits them best: m, of `count`.
+
+    count 0: too few, or too much in a line, to say anything
+    """
+
+    series: str
+    count: int
+    rms: float
+    largest: float
+
+
+def check_units(points: Sequence[TrackerPoint], there: Array) -> None:
+    """InputError where nobody says the unit of a file's coordinates, or where they do not spread as the places (N, 3) m
+    of their markers do, but would in another unit."""
+    problems: list[Problem] = []
+    for listing in dict.fromkeys(p.listing for p in points):
+        rows = [i for i, p in enumerate(points) if p.listing is listing]
+        raw = np.array([points[i].xyz for i in rows]) / UNITS.get(listing.unit, 1.0)
+        likely = likely_unit(raw, there[rows])
+        if not listing.unit:
+            problems.append(unit_problem(listing, likely))
+        elif likely not in (None, listing.unit) and listing.unit in UNITS:
+            message = f"the coordinates are said to be in {listing.unit}, but spread as the arm does if they are in"
+            problems.append(listing.problem(None, "x", f"{message} {likely}", hint="Correct the unit."))
+    refuse(problems)
+
+
+def unit_problem(listing: Listing, likely: str | None = None) -> Problem:
+    """What is wrong with coordinates of which nobody says the unit."""
+    hint = "State it." if likely is None else f"State it; the points spread as the arm does if it is {likely}."
+    message = "nothing says the unit of the coordinates"
+    return listing.problem(None, "x", message, hint=hint, argument=("unit", likely or "mm"))
+
+
+def series_of(points: Sequence[TrackerPoint]) -> dict[str, list[int]]:
+    """The points of each series, by their places."""
+    out: dict[str, list[int]] = {}
+    for i, point in enumerate(points):
+        out.setdefault(point.series, []).append(i)
+    return out
+
+
+def check_places(
+    points: Sequence[TrackerPoint],
+    pendant: Array,
+    there: Array,
+    campaign: Campaign,
+    experiment: Experiment,
+    within: float,
+) -> tuple[Placed, ...]:
+    """How the points of each series lie to the arm.
+
+    InputError for points that lie farther (m) from where their pose puts their marker (N, 3) m than the others allow,
+    each with the pose, marker or unit that would suit it.
+    """
+    out: list[Placed] = []
+    problems: list[Problem] = []
+    for series, rows in series_of(points).items():
+        own = [points[i] for i in rows]
+        fit = agreed_frame(there[rows], np.array([p.xyz for p in own]), within)
+        if fit is None:
+            out.append(Placed(series, 0, 0.0, 0.0))
+        elif fit.agrees.mean() < _MOST_AGREE or fit.agrees.sum() < _FEWEST_AGREE:
+            problems.append(_few_agree(own, fit, within, _convention(own, pendant[rows], experiment, within)))
+        else:
+            for k in np.flatnonzero(~fit.agrees).tolist():
+                problems.append(_misplaced(own[k], fit, float(fit.off[k]), campaign, experiment, within))
+            off = fit.off[fit.agrees]
+            out.append(Placed(series, len(own), float(np.sqrt(np.mean(off**2))), float(off.max())))
+    refuse(problems)
+    return tuple(out)
+
+
+def _convention(points: Sequence[TrackerPoint], pendant: Array, experiment: Experiment, within: float) -> str | None:
+    """The convention in which nearly all points (N, 3) lie where pendant values (N, n) put their markers."""
+    seen = np.array([p.xyz for p in points])
+
+    def agrees(values: Array, points_seen: Array) -> bool:
+        fit = agreed_frame(expected_places(points, values, experiment), points_seen, within)
+        return fit is not None and float(fit.agrees.mean()) >= _NEARLY_ALL
+
+    if agrees(pendant, seen * [1.0, 1.0, -1.0]):
+        return "as mirror images: two axes of the coordinates are exchanged, or the sign of one is reversed"
+    others = other_angles(experiment.robot.controller, pendant)
+    return next((words for words, values in others if agrees(values, seen)), None)
+
+
+def _few_agree(points: Sequence[TrackerPoint], fit: PlacementFit, within: float, convention: str | None) -> Problem:
+    """One problem where most points lie elsewhere than they were taken for, with the convention in which they fit."""
+    first = next(k for k, agrees in enumerate(fit.agrees.tolist()) if not agrees)
+    agree = f"{int(fit.agrees.sum())} of {len(points)} within {1e3 * within:g} mm"
+    found = f"in one frame {agree}; this is the first that is not"
+    hint = "Is one point too many or missing before it, or are names, angles or the plan of another day?"
+    hint = hint if convention is None else f"They fit {convention}. Correct the file, or its headers."
+    return points[first].problem(
+        "most points do not lie where their poses put the markers", "x", found=found, hint=hint
+    )
+
+
+def _misplaced(
+    point: TrackerPoint, fit: PlacementFit, off: float, campaign: Campaign, experiment: Experiment, within: float
+) -> Problem:
+    """A point that lies elsewhere, and what would suit it: another unit, or another pose or marker."""
+    message = f"{label(point.taken)}: the point lies {1e3 * off:.0f} mm from where that marker is"
+    poses, markers = list(campaign.poses), [m.name for m in experiment.markers]
+    pendant = np.stack([campaign.poses[p] for p in poses])
+    every = fit.frame.apply(experiment.rigid_places(experiment.robot.controller.to_joints(pendant)))
+    expected = every[poses.index(point.taken.pose), markers.index(point.taken.marker)]
+    factor = UNITS.get(point.listing.unit, 1.0)
+    near = max(_NEAR, 3.0 * float(np.median(fit.off[fit.agrees])))
+    for unit, size in UNITS.items():
+        if unit != point.listing.unit and np.linalg.norm(point.xyz / factor * size - expected) < near:
+            return point.problem(message, "x", hint=f"It would be right in {unit}: export all points in one unit.")
+    away = np.linalg.norm(every - point.xyz, axis=2)
+    p, m = (int(v) for v in np.unravel_index(int(np.argmin(away)), away.shape))
+    hint = "Look at its name, or leave it out."
+    if away[p, m] < near:
+        hint = f"It lies where marker {markers[m]} is at pose {poses[p]}: rename it, or leave it out."
+    allowed, argument = f"up to {1e3 * within:g} mm", ("ignore", point.name or "PATTERN")
+    return point.problem(message, "x", allowed=allowed, hint=hint, argument=argument)

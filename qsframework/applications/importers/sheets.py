@@ -9,11 +9,11 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import KW_ONLY, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
-from qsframework.applications.importers.layout import Layout, SheetRow, is_axis_line, is_data, lay_out
+from qsframework.applications.importers.layout import Sheet, SheetRow, is_axis_line, is_data, lay_out
 from qsframework.applications.importers.records import records
 from qsframework.applications.programmes.log import joint_log
 from qsframework.errors import InputError, Problem, missing_extra, nearest
@@ -38,50 +38,6 @@ _MOST_CELLS, _LONGEST = 1_000_000, 32_767
 """Cells of a workbook, empty ones too; characters of one, which is what Excel takes."""
 
 
-@dataclass(frozen=True)
-class Sheet:
-    """One table. header: its names, () where there is none; above: lines of text over it; decimal "" in a workbook.
-
-    separator: a key of SEPARATORS, "" in a workbook, "programme" of positions in a controller's programme, "json"
-    encoding: of a text; blocks, left, below: what its layout says
-    """
-
-    path: Path
-    name: str
-    header: tuple[str, ...]
-    rows: tuple[SheetRow, ...]
-    _: KW_ONLY
-    header_line: int = 1
-    above: tuple[str, ...] = ()
-    separator: str = ""
-    decimal: str = ""
-    encoding: str = ""
-    blocks: tuple[str, ...] = ()
-    left: tuple[str, ...] = ()
-    below: tuple[str, ...] = ()
-
-    def problem(self, row: SheetRow | None, message: str, column: int | None = None, **more: str | None) -> Problem:
-        """A problem at a row (None: the header) and a column, counted from 0."""
-        name = None if column is None else self.column(column)
-        line = self.header_line if row is None else row.line
-        found, allowed, hint = (more.get(k) for k in ("found", "allowed", "hint"))
-        return Problem(message, self.where, line, name, found=found, allowed=allowed, hint=hint)
-
-    @property
-    def where(self) -> str:
-        """The file, and the sheet of a workbook."""
-        return f"{self.path}, sheet {self.name}" if self.name else str(self.path)
-
-    @property
-    def width(self) -> int:
-        """Columns."""
-        return len(self.header) or max((len(r.cells) for r in self.rows), default=0)
-
-    def column(self, k: int) -> str:
-        """Name of a column, or its number from 1."""
-        return (self.header[k] if k < len(self.header) else "") or str(k + 1)
-
-
 def read_sheet(
     path: Path, sheet: str = "", separator: str = "", decimal: str = "", ignore: Sequence[str] = ()
 ) -> Sheet:
@@ -102,16 +58,15 @@ def read_sheet(
         hint = "Leave the sheet out."
         raise InputError(Problem("is a text, which has no sheets", str(path), found=repr(sheet), hint=hint))
     text, encoding = _decoded(path, content)
-    logged = joint_log(path, text)
-    if logged is not None:
-        header, found = logged
-        rows = tuple(SheetRow(line, cells) for line, cells in found)
-        return Sheet(path, "", header, rows, separator="programme", decimal=".", encoding=encoding)
-    found_rows = records(path, text)
-    if found_rows is not None:
-        whole = Sheet(path, "", (), (), separator="json", decimal=".", encoding=encoding)
-        return _of_layout(whole, lay_out(found_rows, ignore), ".")
-    return _text_sheet(path, text, encoding, separator, decimal, ignore)
+    whole = Sheet(path, decimal=".", encoding=encoding)
+    if (logged := joint_log(path, text)) is not None:
+        rows = tuple(SheetRow(line, cells) for line, cells in logged[1])
+        return replace(whole, header=logged[0], rows=rows, separator="programme")
+    if (found := records(path, text)) is not None:
+        return lay_out(replace(whole, separator="json"), found, ignore)
+    found, whole = _text_rows(whole, text, separator)
+    whole = lay_out(whole, found, ignore)
+    return replace(whole, decimal=_decimal(whole, decimal))
 
 
 def _content(path: Path) -> bytes:
@@ -142,43 +97,24 @@ def _decoded(path: Path, content: bytes) -> tuple[str, str]:
     raise InputError(Problem("is no text that can be read", str(path), hint=hint))
 
 
-def _text_sheet(path: Path, text: str, encoding: str, separator: str, decimal: str, ignore: Sequence[str]) -> Sheet:
+def _text_rows(sheet: Sheet, text: str, separator: str) -> tuple[list[SheetRow], Sheet]:
+    """The rows of a text, and the sheet with its separator and its comments."""
     every = text.splitlines()
     if len(every) > MOST_LINES:
         hint = "Split it into several files."
-        raise InputError(Problem(f"holds more than {MOST_LINES} lines", str(path), hint=hint))
+        raise InputError(Problem(f"holds more than {MOST_LINES} lines", sheet.where, hint=hint))
     lines = [(i, line) for i, line in enumerate(every, start=1) if line.strip()]
     comments = [(i, line.strip()) for i, line in lines if _COMMENT.match(line)]
     lines = [(i, line) for i, line in lines if not _COMMENT.match(line)]
     if not lines:
-        raise InputError(Problem("is empty", str(path)))
-    name = _separator(path, lines, separator)
-    whole = Sheet(path, "", (), (), above=tuple(line for _, line in comments), separator=name, encoding=encoding)
+        raise InputError(Problem("is empty", sheet.where))
+    name = _separator(sheet.path, lines, separator)
     rows = [SheetRow(i, _split(line, name)) for i, line in lines]
     first = [line for i, line in comments if i < rows[0].line]
     heading = _split(first[-1].lstrip("#/!% "), name) if first else ()
     if is_data(rows[0].cells) and len(heading) == len(rows[0].cells):  # as numpy and gnuplot write it
         rows.insert(0, SheetRow(lines[0][0] - 1, heading))
-    return _of_layout(whole, lay_out(rows, ignore), decimal)
-
-
-def _of_layout(sheet: Sheet, found: Layout, decimal: str) -> Sheet:
-    """The table that was found in a file, its rows as wide as its heading and its decimal sign known."""
-    if not found.rows and not found.wrong:
-        hint = "A point list has at least three numbers in every row; is it an export of points, and not of a report?"
-        raise InputError(Problem("holds no rows of numbers", sheet.where, hint=hint))
-    sheet = replace(
-        sheet,
-        header=found.header,
-        rows=found.rows,
-        header_line=found.line,
-        above=(*sheet.above, *found.above),
-        blocks=found.blocks,
-        left=found.left,
-        below=found.below,
-    )
-    _check_widths(sheet, found)
-    return replace(sheet, decimal=_decimal(sheet, decimal))
+    return rows, replace(sheet, above=tuple(line for _, line in comments), separator=name)
 
 
 def _split(line: str, name: str) -> tuple[str, ...]:
@@ -207,23 +143,6 @@ def _separator(path: Path, lines: Sequence[tuple[int, str]], stated: str) -> str
     return max(scores, key=lambda name: scores[name])
 
 
-def _check_widths(sheet: Sheet, found: Layout) -> None:
-    """InputError for rows with another number of cells than the header, or than the first row."""
-    width, wrong = found.width or len(found.header), found.wrong
-    if width > MOST_COLUMNS:
-        raise InputError(sheet.problem(None, f"holds more than {MOST_COLUMNS} columns"))
-    if not wrong:
-        return
-    hint = None
-    if sheet.separator == "," and not sheet.rows and all(len(r.cells) > width for r in wrong):
-        hint = "A comma seems to separate the columns and the decimals: export with ';' or a tab between columns."
-    problems = [
-        sheet.problem(row, "wrong number of columns", found=str(len(row.cells)), allowed=str(width), hint=hint)
-        for row in wrong
-    ]
-    raise InputError(problems)
-
-
 def _decimal(sheet: Sheet, stated: str) -> str:
     """The decimal sign; InputError where a file has both, as it would read 1,234 in two ways."""
     if stated:
@@ -231,48 +150,37 @@ def _decimal(sheet: Sheet, stated: str) -> str:
             allowed = " ".join(DECIMALS)
             raise InputError(Problem(f"{sheet.path.name}: no such decimal sign", found=repr(stated), allowed=allowed))
         return stated
-    by_sign: dict[str, tuple[SheetRow, int]] = {}
-    for row in sheet.rows:
+    by_sign: dict[str, tuple[int, int]] = {}
+    for i, row in enumerate(sheet.rows):
         for k, cell in enumerate(row.cells):
             sign = next((s for s in DECIMALS if s in cell), None)
             if sign is not None and NUMBER.fullmatch(cell):
-                by_sign.setdefault(sign, (row, k))
+                by_sign.setdefault(sign, (i, k))
     if len(by_sign) == 2:
-        row, k = max(by_sign.values(), key=lambda at: at[0].line)
-        other = min(by_sign.values(), key=lambda at: at[0].line)[0].line
-        message = f"another decimal sign than in line {other}"
+        (first, _), (i, k) = by_sign.values()
+        message = f"another decimal sign than in line {sheet.rows[first].line}"
         hint = "Write all numbers alike; a sign between thousands is not read."
-        raise InputError(sheet.problem(row, message, k, found=repr(row.cells[k]), hint=hint))
+        raise InputError(sheet.problem(i, message, k, found=repr(sheet.rows[i].cells[k]), hint=hint))
     return next(iter(by_sign), ".")
 
 
 def _workbook(path: Path, sheet: str, ignore: Sequence[str]) -> Sheet:
     """A sheet of an Excel workbook: the stated one, or the only one that holds anything."""
-    found = _sheets(path)
-    filled = {name: rows for name, rows in found.items() if rows}
+    filled = {name: rows for name, rows in _sheets(path).items() if rows}
+    names = ", ".join(filled)
     if sheet and sheet not in filled:
-        allowed = ", ".join(filled) or "none that holds anything"
-        raise InputError(
-            Problem("has no such sheet", str(path), found=repr(sheet), allowed=allowed, hint=nearest(sheet, filled))
-        )
+        allowed, hint = names or "none that holds anything", nearest(sheet, filled)
+        raise InputError(Problem("has no such sheet", str(path), found=repr(sheet), allowed=allowed, hint=hint))
     if not filled:
         raise InputError(Problem("is an empty workbook", str(path)))
-    if not sheet and len(filled) > 1:
-        names = ", ".join(filled)
-        problem = Problem(
-            "holds several sheets, and nothing says which one is meant",
-            str(path),
-            found=names,
-            hint="State one of them.",
-            argument=("sheet", f"'{next(iter(filled))}'"),
-        )
-        raise InputError(problem)
     name = sheet or next(iter(filled))
+    if not sheet and len(filled) > 1:
+        message, argument = "holds several sheets, and nothing says which one is meant", ("sheet", f"'{name}'")
+        raise InputError(Problem(message, str(path), found=names, hint="State one of them.", argument=argument))
     width = max(len(r.cells) for r in filled[name])
-    rows = [
-        replace(r, cells=(*r.cells, *[""] * (width - len(r.cells) if len(r.cells) > 1 else 0))) for r in filled[name]
-    ]
-    return _of_layout(Sheet(path, name, (), ()), lay_out(rows, ignore), "")
+    rows = [SheetRow(r.line, (*r.cells, *("",) * (width - len(r.cells)) * (len(r.cells) > 1))) for r in filled[name]]
+    whole = lay_out(Sheet(path, name), rows, ignore)
+    return replace(whole, decimal=_decimal(whole, ""))
 
 
 def _sheets(path: Path) -> dict[str, list[SheetRow]]:
@@ -281,8 +189,8 @@ def _sheets(path: Path) -> dict[str, list[SheetRow]]:
         import openpyxl
     except ImportError as error:
         raise missing_extra(f"{path}: reading Excel workbooks needs openpyxl", "excel") from error
-    _check_archive(path)
     try:
+        _check_archive(path)
         book = cast("Any", openpyxl).load_workbook(path, read_only=True, data_only=True)
         out, size = dict[str, list[SheetRow]](), _Size()
         for sheet in book.worksheets:
@@ -291,7 +199,7 @@ def _sheets(path: Path) -> dict[str, list[SheetRow]]:
         book.close()
     except InputError:
         raise
-    except Exception as error:  # it raises many kinds on what is no workbook
+    except Exception as error:  # a packed file that is cut, made by hand or no workbook fails in many ways
         hint = "Open it in Excel and save it again, or export the points as CSV."
         raise InputError(Problem("cannot be read as an Excel workbook", str(path), hint=hint)) from error
     return out
@@ -301,23 +209,17 @@ def _check_archive(path: Path) -> None:
     """InputError for what would grow without end, or for XML that defines entities."""
     import zipfile
 
-    try:
-        with zipfile.ZipFile(path) as archive:
-            parts = archive.infolist()
-            if sum(p.file_size for p in parts) > _UNPACKED or len(parts) > 10_000:
-                raise InputError(Problem(f"unpacks to more than {_UNPACKED // 1_000_000} MB", str(path)))
-            for part in (p for p in parts if not p.filename.startswith("xl/media/")):
-                if part.file_size > _PART and not part.filename.startswith(_LARGE_PARTS):
-                    raise InputError(Problem(f"holds a part of more than {_PART // 1_000_000} MB", str(path)))
-                with archive.open(name=part) as stream:
-                    start = stream.read(4096)
-                    if b"<!DOCTYPE" in start or b"<!ENTITY" in start:
-                        raise InputError(Problem("holds XML that no workbook holds", str(path)))
-    except InputError:
-        raise
-    except Exception as error:  # a packed file that is cut or made by hand fails in many ways
-        hint = "Open it in Excel and save it again, or export the points as CSV."
-        raise InputError(Problem("cannot be read as an Excel workbook", str(path), hint=hint)) from error
+    with zipfile.ZipFile(path) as archive:
+        parts = archive.infolist()
+        if sum(p.file_size for p in parts) > _UNPACKED or len(parts) > 10_000:
+            raise InputError(Problem(f"unpacks to more than {_UNPACKED // 1_000_000} MB", str(path)))
+        for part in (p for p in parts if not p.filename.startswith("xl/media/")):
+            if part.file_size > _PART and not part.filename.startswith(_LARGE_PARTS):
+                raise InputError(Problem(f"holds a part of more than {_PART // 1_000_000} MB", str(path)))
+            with archive.open(name=part) as stream:
+                start = stream.read(4096)
+                if b"<!DOCTYPE" in start or b"<!ENTITY" in start:
+                    raise InputError(Problem("holds XML that no workbook holds", str(path)))
 
 
 @dataclass

@@ -7,19 +7,20 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from qsframework import units
-from qsframework.applications.importers.layout import NO_SIGHT
-from qsframework.applications.importers.sheets import NUMBER, Sheet
+from qsframework.applications.importers.layout import NO_SIGHT, Sheet
+from qsframework.applications.importers.sheets import NUMBER
 from qsframework.applications.importers.times import moment
 from qsframework.applications.importers.vocabulary import (
     MEASURED,
     PLAIN,
     UNIT_COLUMNS,
-    XYZ,
     Meaning,
     header_parts,
     meaning,
@@ -27,19 +28,18 @@ from qsframework.applications.importers.vocabulary import (
     unit_of,
     units_above,
 )
-from qsframework.errors import MOST_PROBLEMS, InputError, Problem, nearest
+from qsframework.errors import InputError, Problem, nearest, refuse
+from qsframework.experiment.columns import XYZ, joint_stems
 from qsframework.files.documents import DECIMAL
 from qsframework.plugin import Array
 
 _JOINT_NAME = re.compile(r".*\bname\s?[\[_.]?(\d)\]?")
 """Columns that name the joints of a row, as ROS writes them."""
-_POLAR = re.compile(
-    r"theta|phi|azimuth|az|hz|zenith|[a-z]+[ _]?(angle|winkel)",
-    re.IGNORECASE,
-)
+_POLAR = re.compile(r"theta|phi|azimuth|az|hz|zenith|[a-z]+[ _]?(angle|winkel)", re.IGNORECASE)
 """Columns of points that are not x, y and z."""
 _BEYOND = 1e20
 """Coordinates that some instruments write where they see nothing."""
+_GROUPED = re.compile(r"[-+]?\d{1,3}(\.\d{3})+")
 _WITH_UNIT = re.compile(rf"({NUMBER.pattern})\s*([^\d\s.,+-]\S{{0,12}})")
 
 
@@ -82,24 +82,22 @@ class Listing:
         """Whether it holds coordinates."""
         return "x" in self.numbers
 
+    @cached_property
     def xyz(self) -> Array:
         """Coordinates (N, 3)."""
         return np.stack([self.numbers[a] for a in XYZ], axis=1)
 
-    def angles(self, joints: int) -> Array | None:
-        """Pendant angles (N, joints) rad, where the table holds them."""
-        stems = [f"q{k + 1}" for k in range(joints)]
-        return np.stack([self.numbers[s] for s in stems], axis=1) if stems[0] in self.numbers else None
+    def angles(self, joints: int) -> Array:
+        """Pendant angles (N, joints) rad of a table that holds them."""
+        return np.stack([self.numbers[q] for q in joint_stems(joints)], axis=1)
 
     def column(self, role: str) -> str | None:
         """The file's name of what was taken as a role."""
         return next((t.column for t in self.taken if t.role == role), None)
 
-    def problem(self, i: int, role: str, message: str, **more: str | None) -> Problem:
-        """A problem of row i."""
-        found, allowed, hint = (more.get(k) for k in ("found", "allowed", "hint"))
-        line = self.sheet.rows[i].line
-        return Problem(message, self.sheet.where, line, self.column(role), found=found, allowed=allowed, hint=hint)
+    def problem(self, i: int | None, role: str, message: str, **more: Any) -> Problem:
+        """A problem of row i (None: of the heading)."""
+        return replace(self.sheet.problem(i, message, **more), column=self.column(role))
 
 
 @dataclass(frozen=True)
@@ -119,21 +117,13 @@ def stated_units(texts: Sequence[str]) -> dict[str, str]:
     out: dict[str, str] = {}
     for text in texts:
         unit = unit_of(text) or text
-        kind = unit_kind(unit) if units.known(unit) else None
+        kind = unit_kind(unit)
         if kind is None:
-            allowed = "mm, m, in, deg, rad, s, ms, degC, ..."
-            raise InputError(
-                Problem("no unit of length, angle, time or temperature", found=repr(text), allowed=allowed)
-            )
-        if kind in out and out[kind] != unit:
+            message, allowed = "no unit of length, angle, time or temperature", "mm, m, in, deg, rad, s, ms, degC, ..."
+            raise InputError(Problem(message, found=repr(text), allowed=allowed))
+        if out.setdefault(kind, unit) != unit:
             raise InputError(Problem("two units of one kind are stated", found=f"{out[kind]} and {unit}"))
-        out[kind] = unit
     return out
-
-
-def known_roles(joints: int) -> tuple[str, ...]:
-    """Everything that a column can be taken as."""
-    return (*PLAIN, *MEASURED, *(f"q{k + 1}" for k in range(joints)))
 
 
 def interpret(sheet: Sheet, stated: Stated, joints: Sequence[str]) -> Listing:
@@ -143,63 +133,39 @@ def interpret(sheet: Sheet, stated: Stated, joints: Sequence[str]) -> Listing:
     columns one thing, where a cell is no number; with a proposal what to state.
     """
     roles = _complete(sheet, _roles(sheet, stated, joints), len(joints))
-    hidden = _hidden(sheet, roles)
-    above = units_above(sheet.above)
+    hidden, above = _hidden(sheet, roles), units_above(sheet.above)
     problems: list[Problem] = []
-    taken: list[Taken] = []
-    texts: dict[str, tuple[str, ...]] = {}
-    numbers: dict[str, Array] = {}
-    each = _unit_column(sheet, roles, stated, problems)
-    left = [sheet.column(k) for k in range(sheet.width) if k not in {each[0], *(c for c, _ in roles.values())}]
-    left += sheet.left
-    clock = ""
+    unit_place, each = _unit_column(sheet, roles, stated, problems)
+    texts = {role: tuple(sheet.cells(k)) for role, (k, _) in roles.items() if role in PLAIN}
+    found: dict[str, _Numbers] = {}
     for role, (k, told) in roles.items():
-        cells = [row.cells[k] for row in sheet.rows]
-        if role in XYZ:
-            cells = ["" if blind else cell for cell, blind in zip(cells, hidden, strict=True)]
         if role in PLAIN:
-            texts[role] = tuple(cells)
-            taken.append(Taken(role, sheet.column(k), "", "stated" if role in stated.columns else "header"))
-        elif role == "time":
-            dates = [row.cells[roles["date"][0]] for row in sheet.rows] if "date" in roles else [""] * len(cells)
-            unit, by = _unit("s", told, above, stated)
-            if not unit and NUMBER.fullmatch(cells[0]) and not stated.times and "time" not in stated.columns:
-                left.append(sheet.column(k))
-                continue
-            numbers[role], clock = _times(sheet, k, cells, dates, unit, problems)
-            taken.append(Taken(role, sheet.column(k), unit, by if unit else "format"))
+            continue
+        unit, by = _unit(MEASURED.get(role, "rad"), told, above, stated)
+        if role == "time":
+            dates = texts.get("date", ("",) * len(sheet.rows))
+            read = _times(sheet, k, dates, unit, by, stated, problems)
         else:
-            si = MEASURED.get(role, "rad")
-            unit, by = _unit(si, told, above, stated)
-            optional = hidden | (role in ("temperature", "sigma"))
-            values, own = _numbers(sheet, k, cells, optional, problems)
-            if role in XYZ and each[1] and not (own or told.unit):
-                values = values * np.array([units.to_si(1.0, one) for one in each[1]])
-                own = "m"
-            if own and unit and own != unit:
-                problems.append(sheet.problem(sheet.rows[0], "the cells say another unit", k, found=own, allowed=unit))
-            unit, by = (own, "cells") if own else (unit, by)
-            if not unit and role in ("temperature", "sigma"):
-                left.append(sheet.column(k))
-                continue
-            if unit and unit_kind(unit) != si:
-                problems.append(sheet.problem(None, f"{unit!r} is no unit of this kind", k, allowed=f"a unit of {si}"))
-                continue
-            numbers[role] = units.to_si(values, unit) if unit else values
-            taken.append(Taken(role, sheet.column(k), unit, by))
-    problems += _unit_problems(sheet, taken)
-    if problems:
-        raise InputError(problems[:MOST_PROBLEMS])
-    length = next((t.unit for t in taken if t.role == "x"), "")
+            own = each if role in XYZ and not told.unit else []
+            read = _measured(sheet, role, k, unit, by, hidden, own, problems)
+        if read is not None:
+            found[role] = read
+    said = {role: ("", "stated" if role in stated.columns else "header") for role in texts}
+    said |= {role: (read.unit, read.by) for role, read in found.items()}
+    taken = tuple(Taken(role, sheet.column(k), *said[role]) for role, (k, _) in roles.items() if role in said)
+    refuse([*problems, *_unit_problems(sheet, taken)])
+    places = {unit_place, *(k for k, _ in roles.values())}
+    left = [k for k in range(sheet.width) if k not in places]
+    idle = [sheet.column(k) for role, (k, _) in roles.items() if role not in said]
     return Listing(
         sheet=sheet,
-        taken=tuple(taken),
-        left=tuple(left),
+        taken=taken,
+        left=(*map(sheet.column, left), *sheet.left, *idle),
         texts=texts,
-        numbers=numbers,
+        numbers={role: read.values for role, read in found.items()},
         hidden=hidden,
-        unit=length,
-        clock=clock,
+        unit=found["x"].unit if "x" in found else "",
+        clock=found["time"].clock if "time" in found else "",
     )
 
 
@@ -211,17 +177,15 @@ def _unit_column(
     k = next((k for k in free if "x" in roles and sheet.header[k].strip().lower() in UNIT_COLUMNS), -1)
     if k < 0:
         return -1, []
-    found: list[str] = []
-    for row in sheet.rows:
-        unit = unit_of(row.cells[k])
-        if unit is None or unit_kind(unit) != "m":
-            allowed = "mm, m, in, ..."
-            problems.append(sheet.problem(row, "is no unit of length", k, found=repr(row.cells[k]), allowed=allowed))
-        found.append(unit or "m")
-    if "m" in stated.units and set(found) != {stated.units["m"]}:
+    found = [unit_of(cell) for cell in sheet.cells(k)]
+    wrong = [i for i, unit in enumerate(found) if unit is None or unit_kind(unit) != "m"]
+    for i in wrong:
+        cell = repr(sheet.rows[i].cells[k])
+        problems.append(sheet.problem(i, "is no unit of length", k, found=cell, allowed="mm, m, in, ..."))
+    if "m" in stated.units and {unit or "m" for unit in found} != {stated.units["m"]}:
         message, hint = "this column says the unit of each row", "Leave the stated unit of length out."
         problems.append(sheet.problem(None, message, k, found=f"and {stated.units['m']} is stated", hint=hint))
-    return k, [] if problems else found
+    return k, [] if problems else [unit or "" for unit in found]
 
 
 def _roles(sheet: Sheet, stated: Stated, joints: Sequence[str]) -> dict[str, tuple[int, Meaning]]:
@@ -237,8 +201,7 @@ def _roles(sheet: Sheet, stated: Stated, joints: Sequence[str]) -> dict[str, tup
         k = _place(sheet, name)
         if k is not None:
             told = meaning(sheet.header[k], joints) if k < len(sheet.header) else None
-            unit, by = (told.unit, told.by) if told is not None else ("", "")
-            out[role] = (k, Meaning(role, unit, by))
+            out[role] = (k, told or Meaning(role))
     problems: list[Problem] = []
     used = {k for k, _ in out.values()}
     for role, places in every.items():
@@ -249,11 +212,10 @@ def _roles(sheet: Sheet, stated: Stated, joints: Sequence[str]) -> dict[str, tup
             names = ", ".join(repr(sheet.column(k)) for k, _ in free)
             message, hint = f"several columns could be {role}", "State which one is meant."
             argument = ("map", f"{role}={sheet.column(free[0][0])!r}")
-            problems.append(Problem(message, sheet.where, sheet.header_line, found=names, hint=hint, argument=argument))
+            problems.append(sheet.problem(None, message, found=names, hint=hint, argument=argument))
         else:
             out[role] = free[0]
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return out
 
 
@@ -264,17 +226,14 @@ def _counted_from_one(
     these names, as ROS does in another order than the arm's."""
     if "q0" in every:
         first = every.pop("q0")
-        others = [every.pop(f"q{k}", []) for k in range(1, len(joints) + 1)]
+        others = [every.pop(q, []) for q in joint_stems(len(joints))]
         if all(others[:-1]) and not others[-1]:
             every |= {f"q{k}": own for k, own in enumerate([first, *others[:-1]], start=1)}
     told = {int(m[1]): sheet.rows[0].cells[k] for k, h in enumerate(sheet.header) if (m := _JOINT_NAME.fullmatch(h))}
     names = [told.get(k, "") for k in range(len(joints))]
     if sorted(names) == sorted(joints):
-        own = [every.pop(f"q{k}", []) for k in range(1, len(joints) + 1)]
-        every |= {
-            f"q{joints.index(name) + 1}": [(k, replace(m, role=f"q{joints.index(name) + 1}")) for k, m in found]
-            for name, found in zip(names, own, strict=True)
-        }
+        own = [every.pop(q, []) for q in joint_stems(len(joints))]
+        every |= {f"q{joints.index(name) + 1}": found for name, found in zip(names, own, strict=True)}
     return every
 
 
@@ -290,7 +249,7 @@ def _place(sheet: Sheet, name: str) -> int | None:
 
 def check_columns(sheets: Sequence[Sheet], stated: Mapping[str, str], joints: int) -> None:
     """InputError for roles that there are not, and for stated columns that no file has."""
-    allowed = known_roles(joints)
+    allowed = (*PLAIN, *MEASURED, *joint_stems(joints))
     problems: list[Problem] = []
     for role, name in stated.items():
         if role not in allowed:
@@ -301,8 +260,7 @@ def check_columns(sheets: Sequence[Sheet], stated: Mapping[str, str], joints: in
             files = ", ".join(str(s.path) for s in sheets)
             message, hint = f"no column is called {name!r}", nearest(name, names)
             problems.append(Problem(message, files, found=f"{role}={name}", allowed=", ".join(names), hint=hint))
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
 
 
 def _complete(sheet: Sheet, roles: dict[str, tuple[int, Meaning]], joints: int) -> dict[str, tuple[int, Meaning]]:
@@ -310,7 +268,7 @@ def _complete(sheet: Sheet, roles: dict[str, tuple[int, Meaning]], joints: int) 
 
     InputError where the columns are neither three coordinates nor all angles; proposes what the cells suggest.
     """
-    stems = [f"q{k + 1}" for k in range(joints)]
+    stems = joint_stems(joints)
     axes = [a for a in XYZ if a in roles]
     angles = [s for s in stems if s in roles]
     if len(axes) == len(XYZ) and (len(angles) < joints or _is_quaternion(sheet, [roles[s][0] for s in stems])):
@@ -320,7 +278,7 @@ def _complete(sheet: Sheet, roles: dict[str, tuple[int, Meaning]], joints: int) 
     if "x" not in roles and (polar := [h for h in sheet.header if _POLAR.fullmatch(header_parts(h)[0].strip())]):
         message = "these are cylindrical or spherical coordinates, not x, y and z"
         hint = "Export the points in Cartesian coordinates."
-        raise InputError(Problem(message, sheet.where, sheet.header_line, found=", ".join(polar), hint=hint))
+        raise InputError(sheet.problem(None, message, found=", ".join(polar), hint=hint))
     missing = [s for s in stems if s not in roles] if angles and not axes else [a for a in XYZ if a not in roles]
     if axes and angles:
         missing += [s for s in stems if s not in roles]
@@ -333,15 +291,20 @@ def _complete(sheet: Sheet, roles: dict[str, tuple[int, Meaning]], joints: int) 
     if wanted:
         hint = f"Say which column is which; as proposed, the first rows are {first_rows(sheet, wanted)}."
         argument = ("map", _proposal(sheet, wanted))
-    raise InputError(Problem(message, sheet.where, sheet.header_line, found=names, hint=hint, argument=argument))
+    raise InputError(sheet.problem(None, message, found=names, hint=hint, argument=argument))
 
 
 def _is_quaternion(sheet: Sheet, columns: Sequence[int]) -> bool:
     """Whether four columns hold numbers whose squares sum to one."""
-    cells = [[row.cells[k].replace(",", ".") for k in columns] for row in sheet.rows]
-    if len(columns) != 4 or not all(DECIMAL.fullmatch(c) for own in cells for c in own):
+    cells = [_decimals(sheet, k) for k in columns]
+    if len(columns) != 4 or any(len(own) < len(sheet.rows) for own in cells):
         return False
-    return all(abs(sum(float(c) ** 2 for c in own) - 1.0) < 1e-3 for own in cells)
+    return all(abs(sum(c**2 for c in row) - 1.0) < 1e-3 for row in zip(*cells, strict=True))
+
+
+def _decimals(sheet: Sheet, k: int) -> list[float]:
+    """The numbers of a column, whichever their decimal sign."""
+    return [float(c) for cell in sheet.cells(k) if DECIMAL.fullmatch(c := cell.replace(",", "."))]
 
 
 def _hidden(sheet: Sheet, roles: Mapping[str, tuple[int, Meaning]]) -> npt.NDArray[np.bool_]:
@@ -385,10 +348,9 @@ def _proposal(sheet: Sheet, wanted: Sequence[tuple[str, int]]) -> str:
 
 def _counts(sheet: Sheet, k: int) -> bool:
     """Whether a column only counts the rows."""
-    cells = [row.cells[k] for row in sheet.rows]
-    if len(cells) < 2 or not all(c.isdecimal() for c in cells):
-        return False
-    return all(int(b) == int(a) + 1 for a, b in itertools.pairwise(cells))
+    cells = sheet.cells(k)
+    counts = [int(c) for c in cells if c.isdecimal()]
+    return len(cells) == len(counts) > 1 and all(b == a + 1 for a, b in itertools.pairwise(counts))
 
 
 def _unit(si: str, told: Meaning, above: Mapping[str, str], stated: Stated) -> tuple[str, str]:
@@ -402,54 +364,84 @@ def _unit(si: str, told: Meaning, above: Mapping[str, str], stated: Stated) -> t
     return told.unit, told.by
 
 
-def _numbers(
+class _Numbers(NamedTuple):
+    """A column of numbers (N,): in SI, or as the file has them where nobody says the unit; clock: of times."""
+
+    values: Array
+    unit: str
+    by: str
+    clock: str = ""
+
+
+def _measured(
+    sheet: Sheet,
+    role: str,
+    k: int,
+    unit: str,
+    by: str,
+    hidden: npt.NDArray[np.bool_],
+    each: Sequence[str],
+    problems: list[Problem],
+) -> _Numbers | None:
+    """The numbers of a role, in the unit of their own cells, of a column (each), or else in this; None for nothing."""
+    cells, si, optional = sheet.cells(k), MEASURED.get(role, "rad"), role in ("temperature", "sigma")
+    if role in XYZ:
+        cells = ["" if blind else cell for cell, blind in zip(cells, hidden, strict=True)]
+    values, own = _cell_numbers(sheet, k, cells, hidden | optional, problems)
+    if each and not own:
+        values, own = values * np.array([units.to_si(1.0, one) for one in each]), "m"
+    if own and unit and own != unit:
+        problems.append(sheet.problem(0, "the cells say another unit", k, found=own, allowed=unit))
+    unit, by = (own, "cells") if own else (unit, by)
+    if unit and unit_kind(unit) != si:
+        problems.append(sheet.problem(None, f"{unit!r} is no unit of this kind", k, allowed=f"a unit of {si}"))
+    elif unit or not optional:
+        return _Numbers(units.to_si(values, unit) if unit else values, unit, by)
+    return None
+
+
+def _cell_numbers(
     sheet: Sheet, k: int, cells: Sequence[str], optional: npt.NDArray[np.bool_], problems: list[Problem]
 ) -> tuple[Array, str]:
     """Numbers (N,) of a column, NaN where a cell that may be empty (N,) is, and the unit where the cells say it."""
     values = np.full(len(cells), math.nan)
     said: dict[str, int] = {}
+    bare: list[int] = []
     for i, cell in enumerate(cells):
         if not cell:
             if not optional[i]:
-                problems.append(sheet.problem(sheet.rows[i], "this cell is empty", k, allowed="a number"))
+                problems.append(sheet.problem(i, "this cell is empty", k, allowed="a number"))
             continue
-        text = cell
         found = _WITH_UNIT.fullmatch(cell)
         unit = unit_of(found[2]) if found is not None else None
-        if found is not None and unit is not None:
-            text = found[1]
+        text = found[1] if found is not None and unit is not None else cell
+        bare += [] if found is not None else [i]
+        if unit is not None:
             said.setdefault(unit, i)
-        if NUMBER.fullmatch(text) is None or (sheet.decimal == "," and "." in text and _grouped(text)):
-            problems.append(sheet.problem(sheet.rows[i], "is no number", k, found=repr(cell), hint=_number_hint(cell)))
+        if NUMBER.fullmatch(text) is None or (sheet.decimal == "," and _GROUPED.fullmatch(text)):
+            hint = "Write no sign between thousands." if {",", "."} <= set(cell) or "'" in cell else None
+            problems.append(sheet.problem(i, "is no number", k, found=repr(cell), hint=hint))
             continue
         values[i] = float(text.replace(",", "."))
         if not math.isfinite(values[i]) or abs(values[i]) > _BEYOND:
-            problems.append(sheet.problem(sheet.rows[i], "is beyond what any column holds", k, found=repr(cell)))
+            problems.append(sheet.problem(i, "is beyond what any column holds", k, found=repr(cell)))
+    hint = "Export all points in one unit."
     if len(said) > 1:
         (one, _), (other, i) = list(said.items())[:2]
-        hint = "Export all points in one unit."
-        problems.append(sheet.problem(sheet.rows[i], f"two units in one column: {one}, and here {other}", k, hint=hint))
-    whole = len(said) == 1 and all(_WITH_UNIT.fullmatch(c) for c in cells if c)
-    if said and not whole and len(said) == 1:
-        i = next(i for i, c in enumerate(cells) if c and not _WITH_UNIT.fullmatch(c))
-        hint = "Export all points in one unit."
-        problems.append(sheet.problem(sheet.rows[i], "says no unit, other rows do", k, found=repr(cells[i]), hint=hint))
-    return values, next(iter(said), "") if whole else ""
-
-
-def _grouped(text: str) -> bool:
-    return re.fullmatch(r"[-+]?\d{1,3}(\.\d{3})+", text) is not None
-
-
-def _number_hint(cell: str) -> str | None:
-    both = "," in cell and "." in cell
-    return "Write no sign between thousands." if both or "'" in cell else None
+        problems.append(sheet.problem(i, f"two units in one column: {one}, and here {other}", k, hint=hint))
+    elif said and bare:
+        found = repr(cells[bare[0]])
+        problems.append(sheet.problem(bare[0], "says no unit, other rows do", k, found=found, hint=hint))
+    return values, next(iter(said)) if len(said) == 1 and not bare else ""
 
 
 def _times(
-    sheet: Sheet, k: int, cells: Sequence[str], dates: Sequence[str], unit: str, problems: list[Problem]
-) -> tuple[Array, str]:
-    """Times (N,) s, and what they are counted from."""
+    sheet: Sheet, k: int, dates: Sequence[str], unit: str, by: str, stated: Stated, problems: list[Problem]
+) -> _Numbers | None:
+    """Times (N,) s, and what they are counted from; None for counts of no unit that nobody needs."""
+    cells = sheet.cells(k)
+    if not unit and NUMBER.fullmatch(cells[0]) and not stated.times and "time" not in stated.columns:
+        return None
     values = np.full(len(cells), math.nan)
     clocks: dict[str, int] = {}
     for i, (cell, date) in enumerate(zip(cells, dates, strict=True)):
@@ -458,21 +450,18 @@ def _times(
             values[i] = found[0]
             clocks.setdefault(found[1], i)
         elif NUMBER.fullmatch(cell):
-            message, hint = "nothing says the unit of these times", "State it."
-            problem = Problem(
-                message, sheet.where, sheet.rows[i].line, sheet.column(k), hint=hint, argument=("unit", "s")
-            )
-            problems.append(problem)
+            message, argument = "nothing says the unit of these times", ("unit", "s")
+            problems.append(sheet.problem(i, message, k, hint="State it.", argument=argument))
             break
         else:
-            allowed = "seconds, 13:45:01.5, or 2026-03-09 13:45:01.5"
-            message, hint = "is no time that can be read in one way", "Leave the column out, if no time is needed."
-            problem = sheet.problem(sheet.rows[i], message, k, found=repr(cell), allowed=allowed, hint=hint)
-            problems.append(replace(problem, argument=("ignore", quoted_word(sheet.column(k)))))
+            message, allowed = "is no time that can be read in one way", "seconds, 13:45:01.5, or 2026-03-09 13:45:01.5"
+            hint, argument = "Leave the column out, if no time is needed.", ("ignore", quoted_word(sheet.column(k)))
+            found = repr(cell)
+            problems.append(sheet.problem(i, message, k, found=found, allowed=allowed, hint=hint, argument=argument))
     if len(clocks) > 1:
         i = list(clocks.values())[1]
-        problems.append(sheet.problem(sheet.rows[i], "times of two kinds in one column", k, found=repr(cells[i])))
-    return values, next(iter(clocks), "")
+        problems.append(sheet.problem(i, "times of two kinds in one column", k, found=repr(cells[i])))
+    return _Numbers(values, unit, by if unit else "format", next(iter(clocks), ""))
 
 
 def quoted_word(text: str) -> str:
@@ -480,35 +469,19 @@ def quoted_word(text: str) -> str:
     return f"'{text}'" if re.search(r"[^\w.]", text) else text
 
 
-def _small(sheet: Sheet, taken: Sequence[Taken]) -> bool:
-    """Whether no number of these columns is larger than a whole turn in radians."""
-    places = [sheet.header.index(t.column) for t in taken if t.column in sheet.header]
-    cells = [row.cells[k].replace(",", ".") for row in sheet.rows for k in places]
-    return all(abs(float(c)) <= 6.3 for c in cells if DECIMAL.fullmatch(c))
-
-
 def _unit_problems(sheet: Sheet, taken: Sequence[Taken]) -> list[Problem]:
     """Coordinates in different units, and angles in different units or in none that anybody says."""
     out: list[Problem] = []
-    for what, wanted in (("coordinates", XYZ), ("angles", tuple(f"q{k}" for k in range(1, 13)))):
+    for what, wanted in (("coordinates", XYZ), ("angles", joint_stems(12))):
         own = [t for t in taken if t.role in wanted]
         found = list(dict.fromkeys(t.unit for t in own))
         if len(found) > 1:
             names = ", ".join(f"{t.column} in {t.unit or 'no stated unit'}" for t in own)
-            hint = "Export them in one unit."
-            out.append(
-                Problem(f"the {what} are in several units", sheet.where, sheet.header_line, found=names, hint=hint)
-            )
+            message, hint = f"the {what} are in several units", "Export them in one unit."
+            out.append(sheet.problem(None, message, found=names, hint=hint))
         elif found == [""] and what == "angles":
-            hint = "State it."
-            out.append(
-                Problem(
-                    "nothing says the unit of the angles",
-                    sheet.where,
-                    sheet.header_line,
-                    own[0].column,
-                    hint=hint,
-                    argument=("unit", "rad" if _small(sheet, own) else "deg"),
-                )
-            )
+            places = [sheet.header.index(t.column) for t in own if t.column in sheet.header]
+            small = all(abs(v) <= 6.3 for k in places for v in _decimals(sheet, k))  # a whole turn, in rad
+            problem = sheet.problem(None, "nothing says the unit of the angles", hint="State it.")
+            out.append(replace(problem, column=own[0].column, argument=("unit", "rad" if small else "deg")))
     return out

@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from qsframework import units
-from qsframework.experiment.columns import Column
+from qsframework.experiment.columns import XYZ, Column
 
-XYZ = ("x", "y", "z")
 FOUND_BY = ("name", "pose", "marker", "state", "load_id", "repeat", "cycle")
 """Roles that say which reading of which state a row is."""
 PLAIN = ("group", "collection", "block", *FOUND_BY, "series", "date")
@@ -107,10 +106,8 @@ def unit_of(text: str) -> str | None:
 
 def unit_kind(unit: str) -> str | None:
     """SI unit of what a unit measures: "m", "rad", "s" or "K"; None of anything else."""
-    for si in ("m", "rad", "s", "K"):
-        if units.known(unit) and units.same_dimension(unit, si):
-            return si
-    return None
+    kinds = ("m", "rad", "s", "K") if units.known(unit) else ()
+    return next((si for si in kinds if units.same_dimension(unit, si)), None)
 
 
 def units_above(lines: Sequence[str]) -> dict[str, str]:
@@ -118,9 +115,8 @@ def units_above(lines: Sequence[str]) -> dict[str, str]:
     found: dict[str, set[str]] = {}
     for line in lines:
         for text in _SAID_ABOVE.findall(line):
-            unit = unit_of(text)
-            kind = None if unit is None else unit_kind(unit)
-            if unit is not None and kind is not None:
+            unit = unit_of(text) or ""
+            if kind := unit_kind(unit):
                 found.setdefault(kind, set()).add(unit)
     return {kind: next(iter(own)) for kind, own in found.items() if len(own) == 1}
 
@@ -128,27 +124,27 @@ def units_above(lines: Sequence[str]) -> dict[str, str]:
 def meaning(header: str, joints: Sequence[str]) -> Meaning | None:
     """What the name of a column says; joints: the robot's own names of its joints. None where it says nothing known."""
     name, unit = header_parts(header)
-    key = _plain(name)
+    words = words_of(name.lower())
+    key = " ".join(words)
     if not key:
         return None
-    words = key.split()
     axes = [w for w in words if w in XYZ]
+    by = "header" if unit else ""
     if len(axes) == 1 and all(w in AXIS_FILLERS for w in words if w not in XYZ):
-        return Meaning(axes[0], unit, "header" if unit else "")
+        return Meaning(axes[0], unit, by)
     squeezed = re.fullmatch(r"(?:coord|pos)?([xyz])(?:coord|pos|coordinate|koordinate)?", key.replace(" ", ""))
     if squeezed is not None:
-        return Meaning(squeezed[1], unit, "header" if unit else "")
-    if key in _ROLE_OF or key.replace(" ", "") in _ROLE_OF:
-        role = _ROLE_OF.get(key) or _ROLE_OF[key.replace(" ", "")]
+        return Meaning(squeezed[1], unit, by)
+    if role := _ROLE_OF.get(key) or _ROLE_OF.get(key.replace(" ", "")):
         if role == "time" and not unit and (header.lstrip().startswith("%") or key.endswith("header stamp")):
             return Meaning(role, "ns", "ros")
-        return Meaning(role, unit, "header" if unit else "")
+        return Meaning(role, unit, by)
     return _joint(header, key, unit, joints)
 
 
 def _joint(header: str, key: str, unit: str, joints: Sequence[str]) -> Meaning | None:
     """The joint that a name says: q1, q2, ..., or q0 where somebody counts from zero."""
-    own = {_plain(name): k for k, name in enumerate(joints, start=1)}
+    own = {" ".join(words_of(name.lower())): k for k, name in enumerate(joints, start=1)}
     ending = re.fullmatch(r"(.*?)(?: position| pos)?", key)
     named = [k for name, k in own.items() if ending is not None and f" {ending[1]}".endswith(f" {name}")]
     place = named[0] if len(named) == 1 else None
@@ -188,9 +184,9 @@ def header_parts(header: str) -> tuple[str, str]:
     return (stem, unit) if unit is not None else (header, "")
 
 
-def _plain(name: str) -> str:
-    """Words in small letters, joined by one blank."""
-    return " ".join(re.findall(r"[^\W_]+", name.lower()))
+def words_of(text: str) -> list[str]:
+    """Its runs of letters and digits."""
+    return re.findall(r"[^\W_]+", text)
 
 
 def own_columns(header: Sequence[str], columns: Sequence[Column]) -> bool:

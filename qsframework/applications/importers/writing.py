@@ -8,9 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from qsframework.applications.importers.campaign import Campaign
+from qsframework.applications.importers.layout import Sheet
 from qsframework.applications.importers.matching import TrackerPoint
-from qsframework.applications.importers.sheets import NUMBER, Sheet
+from qsframework.applications.importers.sheets import NUMBER
 from qsframework.experiment.columns import WRENCH_NAMES, Column, joint_cells, number, recorded
+from qsframework.experiment.readings_table import STATES
 from qsframework.plugin import Array
 from qsframework.units import JointUnits
 
@@ -21,27 +23,23 @@ def readings_rows(
     points: Sequence[TrackerPoint], pendant: Array, joints: JointUnits, campaign: Campaign
 ) -> tuple[list[str], list[list[str]]]:
     """Header and rows: positions in the tracker's frame, one row for each point, in the order of the files."""
-    slots = [p.slot for p in points if p.slot is not None]
-    loaded = any(s.loaded for s in slots)
-    forces = WRENCH_NAMES if loaded else ()
-    header = ["pose", *joints.names(), *forces, "marker", "state"]
-    header += ["x_mm", "y_mm", "z_mm"]
+    forces = WRENCH_NAMES if any(p.taken.loaded for p in points) else ()
     more = _more(points, campaign)
-    header += list(more)
+    header = ["pose", *joints.names(), *forces, "marker", "state", "x_mm", "y_mm", "z_mm", *more]
     rows: list[list[str]] = []
-    for i, (point, slot) in enumerate(zip(points, slots, strict=True)):
-        wrench = campaign.loads[slot.pose][slot.load_id] if slot.loaded else None
-        at = point.listing.xyz()[point.row]
+    for i, point in enumerate(points):
+        slot = point.taken
         row = [slot.pose, *joint_cells(pendant[i], joints)]
-        row += [] if not forces else [""] * 6 if wrench is None else [*map(number, wrench.tolist())]
-        row += [slot.marker, "loaded" if slot.loaded else "unloaded", *(number(1e3 * v) for v in at.tolist())]
+        if forces:
+            row += map(number, campaign.loads[slot.pose][slot.load_id].tolist()) if slot.loaded else [""] * 6
+        row += [slot.marker, STATES[slot.loaded], *(number(1e3 * v) for v in point.xyz.tolist())]
         rows.append(row + [cells[i] for cells in more.values()])
     return header, rows
 
 
 def _more(points: Sequence[TrackerPoint], campaign: Campaign) -> dict[str, list[str]]:
     """Columns that not every import has: those that say something."""
-    slots = [p.slot for p in points if p.slot is not None]
+    slots = [p.taken for p in points]
     columns = {
         "load_id": [s.load_id for s in slots],
         "series": [p.series for p in points],
@@ -74,7 +72,7 @@ def _measured(points: Sequence[TrackerPoint], role: str, cell: Callable[[float],
     if role == "sigma":
         return [cell(v) for v in values]
     of_state: dict[object, list[float]] = {}
-    keys = [(p.series, None if p.slot is None else replace(p.slot, marker="")) for p in points]
+    keys = [(p.series, replace(p.taken, marker="")) for p in points]
     for key, value in zip(keys, values, strict=True):
         of_state.setdefault(key, []).append(value)
     return [cell(own[0] + float(np.mean(np.subtract(own, own[0])))) for own in (of_state[key] for key in keys)]

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from qsframework.applications.importers.importing import Imported
+from qsframework.applications.importers.layout import Sheet
 from qsframework.applications.importers.matching import TrackerPoint, label
 from qsframework.applications.importers.placing import Aligned
-from qsframework.applications.importers.sheets import Sheet
 from qsframework.applications.importers.tables import Listing, Taken
 from qsframework.report.blocks import ReportTable
 
