@@ -21,7 +21,7 @@ OWN = "own"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Column:
+class FitColumn:
     """One number or word of each estimate.
 
     key: in fit.json and in the data frame, "" in neither; head: over the column of a table, "" in none; value: of a fit
@@ -47,22 +47,22 @@ def _share(e: Estimate) -> float:
 
 
 COLUMNS = [
-    Column(key="parameter", head="parameter", value=lambda _, e: e.name, brief=True),
-    Column(key="value", head="value ± sd", value=lambda _, e: e.value, sd=lambda _, e: e.sd, unit=OWN, brief=True),
-    Column(key="sd", value=lambda _, e: e.sd, unit=OWN),
-    Column(key="sd_total", value=lambda fit, e: fit.sd_total[fit.names.index(e.name)] + 0.0 * e.sd, unit=OWN),
-    Column(key="unit", head="unit", value=lambda _, e: e.unit, unit=OWN, brief=True),
-    Column(head="stiffness", value=lambda _, e: _stiffness(e), unit="stiffness"),
-    Column(head="sd, %", value=lambda _, e: _share(e), unit="%", brief=True),
-    Column(
+    FitColumn(key="parameter", head="parameter", value=lambda _, e: e.name, brief=True),
+    FitColumn(key="value", head="value ± sd", value=lambda _, e: e.value, sd=lambda _, e: e.sd, unit=OWN, brief=True),
+    FitColumn(key="sd", value=lambda _, e: e.sd, unit=OWN),
+    FitColumn(key="sd_total", value=lambda fit, e: fit.sd_total[fit.names.index(e.name)] + 0.0 * e.sd, unit=OWN),
+    FitColumn(key="unit", head="unit", value=lambda _, e: e.unit, unit=OWN, brief=True),
+    FitColumn(head="stiffness", value=lambda _, e: _stiffness(e), unit="stiffness"),
+    FitColumn(head="sd, %", value=lambda _, e: _share(e), unit="%", brief=True),
+    FitColumn(
         key="readings_sd",
         head="sd of the readings alone",
         value=lambda _, e: e.readings_sd if e.held else math.nan,
         unit=OWN,
     ),
-    Column(key="limit", head="95 % limit", value=lambda _, e: e.limit, unit=OWN),
-    Column(key="initial", head="initial", value=lambda _, e: e.initial, unit=OWN, brief=True),
-    Column(key="state", head="status", value=lambda _, e: e.state.value, brief=True),
+    FitColumn(key="limit", head="95 % limit", value=lambda _, e: e.limit, unit=OWN),
+    FitColumn(key="initial", head="initial", value=lambda _, e: e.initial, unit=OWN, brief=True),
+    FitColumn(key="state", head="status", value=lambda _, e: e.state.value, brief=True),
 ]
 """The columns, in their order."""
 

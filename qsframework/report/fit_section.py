@@ -9,7 +9,7 @@ import numpy as np
 from qsframework.experiment import Experiment, Readings
 from qsframework.experiment.observations import values_before
 from qsframework.identify import Estimate, Fit, FitRecord, Masked
-from qsframework.identify.columns import COLUMNS, ERRORS, OWN, Column
+from qsframework.identify.columns import COLUMNS, ERRORS, OWN, FitColumn
 from qsframework.report.blocks import Block, ReportTable, SceneView, Section, Text
 from qsframework.report.fit_plots import fit_figures, residual_figures, workspace_figure
 from qsframework.report.moved_section import moved_table, moved_words
@@ -44,11 +44,11 @@ def fit_table(fit: Fit, truth: dict[str, float] | None = None, brief: bool = Fal
     )
 
 
-def _compared(truth: dict[str, float]) -> tuple[Column, ...]:
+def _compared(truth: dict[str, float]) -> tuple[FitColumn, ...]:
     """The columns of a simulation, whose true values are known."""
     return (
-        Column(head="truth", value=lambda _, e: truth[e.name], unit=OWN, brief=True),
-        Column(
+        FitColumn(head="truth", value=lambda _, e: truth[e.name], unit=OWN, brief=True),
+        FitColumn(
             head="error / sd",
             value=lambda _, e: (e.value - truth[e.name]) / e.sd if _quoted(e) else np.nan,
             brief=True,
@@ -56,7 +56,7 @@ def _compared(truth: dict[str, float]) -> tuple[Column, ...]:
     )
 
 
-def _cell(column: Column, fit: Fit, e: Estimate) -> str:
+def _cell(column: FitColumn, fit: Fit, e: Estimate) -> str:
     """A cell as people read it; "-" for nothing."""
     value = column.value(fit, e)
     if isinstance(value, str):

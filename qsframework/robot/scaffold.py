@@ -14,7 +14,15 @@ from qsframework.robot.model import plain_urdf
 from qsframework.robot.packages import Sources
 from qsframework.robot.scaffold_balancer import Balancer, find_balancer
 from qsframework.robot.scaffold_chain import Build, build_of, choose_chain
-from qsframework.robot.scaffold_joints import ChainJoint, Column, columns, many_turns, slides, told_joints, used_limits
+from qsframework.robot.scaffold_joints import (
+    ChainJoint,
+    TelescopicColumn,
+    columns,
+    many_turns,
+    slides,
+    told_joints,
+    used_limits,
+)
 from qsframework.robot.scaffold_masses import mass_of, with_bodies, with_masses
 from qsframework.robot.scaffold_meshes import with_meshes
 from qsframework.robot.scaffold_reach import reach_words
@@ -156,7 +164,7 @@ def _following(moving: Sequence[Joint], before: Sequence[Joint] = ()) -> dict[st
     return {joint.name: joint.mimic for joint in moving if joint.mimic is not None}
 
 
-def _told_following(following: dict[str, Mimic], led: Sequence[Column]) -> tuple[str, ...]:
+def _told_following(following: dict[str, Mimic], led: Sequence[TelescopicColumn]) -> tuple[str, ...]:
     told = ", ".join(f"{joint} follows {m.joint}" for joint, m in following.items())
     notes = [f"couplings: by mimic {told}; is it so on the machine, or has the joint a motor of its own?"]
     columns = [f"column: the pendant's {c.stage} is the travel of {c.leader.name}; its stages share it" for c in led]
@@ -190,7 +198,7 @@ def _stiffness(urdf: Urdf, moving: list[Joint], payload: float | None) -> list[S
     return out
 
 
-def _rows(moving: list[Joint], led: Sequence[Column]) -> list[ControllerRow]:
+def _rows(moving: list[Joint], led: Sequence[TelescopicColumn]) -> list[ControllerRow]:
     """The entries of `controller:`, in the unit in which people read each joint."""
     rows: list[ControllerRow] = []
     for k, joint in enumerate(moving, start=1):

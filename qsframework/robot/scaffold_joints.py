@@ -41,7 +41,7 @@ class ChainJoint:
 
 
 @dataclass(frozen=True)
-class Column:
+class TelescopicColumn:
     """A telescopic column: the joint that leads it and moves nothing of the arm, and the stage that stands for it.
 
     The stage's travel is the multiplier times what the pendant shows.
@@ -74,14 +74,14 @@ def many_turns(joint: Joint) -> bool:
     return joint.kind == "revolute" and joint.limits is not None and max(map(abs, joint.limits)) > 4.0 * _TURN
 
 
-def columns(urdf: Urdf, chain: Sequence[Joint]) -> tuple[list[Joint], list[Column]]:
+def columns(urdf: Urdf, chain: Sequence[Joint]) -> tuple[list[Joint], list[TelescopicColumn]]:
     """The chain with its telescopic columns as joints that can be: where stages follow a slide that is no part of the
     chain, the first stage stands for the slide and the others follow it; and these columns.
 
     An offset of a stage, which the pendant does not show, goes into its place.
     """
     names = [joint.name for joint in chain]
-    led: dict[str, Column] = {}
+    led: dict[str, TelescopicColumn] = {}
     out: list[Joint] = []
     for joint in chain:
         follows = joint.mimic
@@ -96,7 +96,7 @@ def columns(urdf: Urdf, chain: Sequence[Joint]) -> tuple[list[Joint], list[Colum
         there = joint.origin.matrix()[:3, :3] @ (joint.axis / np.linalg.norm(joint.axis)) * follows.offset
         placed = replace(joint, origin=replace(joint.origin, xyz=joint.origin.xyz + there))
         if leader.name not in led:
-            led[leader.name] = Column(leader, joint.name, follows.multiplier)
+            led[leader.name] = TelescopicColumn(leader, joint.name, follows.multiplier)
             ends = sorted(follows.multiplier * end for end in leader.limits)
             out.append(replace(placed, mimic=None, limits=(ends[0], ends[1])))
         else:
@@ -111,7 +111,7 @@ def told_joints(
     arm: Sequence[Joint],
     beside: Sequence[Joint],
     flange: str,
-    led: Sequence[Column],
+    led: Sequence[TelescopicColumn],
 ) -> tuple[ChainJoint, ...]:
     """The joints from base to flange in this order, then those beside them: bars that are kept, and what is left out.
 
@@ -140,7 +140,7 @@ def _row(joint: Joint, fate: Fate, why: str, used: tuple[float, float] | None = 
     )
 
 
-def _of_chain(stated: Joint, joint: Joint, led: Sequence[Column]) -> ChainJoint:
+def _of_chain(stated: Joint, joint: Joint, led: Sequence[TelescopicColumn]) -> ChainJoint:
     """A joint between base and flange."""
     if not joint.moves:
         return _row(stated, Fate.FIXED, "")
@@ -161,7 +161,7 @@ def _of_chain(stated: Joint, joint: Joint, led: Sequence[Column]) -> ChainJoint:
     return _row(stated, Fate.OVERRULED, "continuous: its limits are those of no turn", used)
 
 
-def _why_dropped(urdf: Urdf, joint: Joint, chain: Sequence[Joint], flange: str, led: Sequence[Column]) -> str:
+def _why_dropped(urdf: Urdf, joint: Joint, chain: Sequence[Joint], flange: str, led: Sequence[TelescopicColumn]) -> str:
     column = next((c for c in led if c.leader is joint), None)
     if column is not None:
         return f"leads a column and carries nothing of the arm: {column.stage} stands for it"
