@@ -45,7 +45,7 @@ def check_states(experiment: Experiment, states: Readings) -> tuple[ClosureCheck
     if not np.any(states.use & states.is_position & states.states.loaded[states.plus]):
         return ()
     differences(states, experiment)
-    table = _Table(experiment, states)
+    table = _Positions(experiment, states)
     floor = None if states.source is None else states.source.with_name(f"{states.source.stem}_floor.csv")
     found = [_repeatability(table), _closure(table), *_hysteresis(table), _linearity(table), _drives(states)]
     if floor is None:
@@ -58,7 +58,7 @@ _Visit = tuple[str, str, int, int]
 """Pose, series, repeat and cycle."""
 
 
-class _Table:
+class _Positions:
     """Positions by (pose, series, repeat, cycle, load) and marker, in the order of the file; masked rows left out."""
 
     def __init__(self, experiment: Experiment, states: Readings) -> None:
@@ -110,7 +110,7 @@ def _spread(values: dict[Any, list[Array]]) -> tuple[float, int]:
     return squares, count
 
 
-def _repeatability(table: _Table) -> ClosureCheck:
+def _repeatability(table: _Positions) -> ClosureCheck:
     """Displacements of the same pose and load: between cycles of a visit, and between visits."""
     cycles: dict[Any, list[Array]] = {}
     for (pose, series, repeat, _, load), marker, d in table.moved():
@@ -142,7 +142,7 @@ def _repeatability(table: _Table) -> ClosureCheck:
     return ClosureCheck("repeatability", good, "displacements differ " + ", ".join(parts) + advice, numbers)
 
 
-def _returns(table: _Table) -> list[tuple[tuple[str, str, int, int], int, Array, list[Array]]]:
+def _returns(table: _Positions) -> list[tuple[tuple[str, str, int, int], int, Array, list[Array]]]:
     """For each unloaded state with one in the cycle after it: how far each marker came back to another place, and the
     displacements of the loads in between."""
     out: list[tuple[_Visit, int, Array, list[Array]]] = []
@@ -157,7 +157,7 @@ def _returns(table: _Table) -> list[tuple[tuple[str, str, int, int], int, Array,
     return out
 
 
-def _closure(table: _Table) -> ClosureCheck:
+def _closure(table: _Positions) -> ClosureCheck:
     """Unloaded after a cycle against unloaded before it."""
     returns = _returns(table)
     if not returns:
@@ -182,7 +182,7 @@ def _closure(table: _Table) -> ClosureCheck:
     return ClosureCheck("closure", good, words, {"rms_mm": rms * 1e3, "largest_mm": largest * 1e3})
 
 
-def _hysteresis(table: _Table) -> list[ClosureCheck]:
+def _hysteresis(table: _Positions) -> list[ClosureCheck]:
     """The part of the deflection that stays after unloading, for the first cycle and the later ones."""
     out: list[ClosureCheck] = []
     cycles: dict[str, Callable[[int], bool]] = {"first cycle": lambda c: c == 1, "later cycles": lambda c: c > 1}
@@ -192,7 +192,7 @@ def _hysteresis(table: _Table) -> list[ClosureCheck]:
     return out
 
 
-def _stays(table: _Table, name: str, chosen: Callable[[int], bool]) -> ClosureCheck | None:
+def _stays(table: _Positions, name: str, chosen: Callable[[int], bool]) -> ClosureCheck | None:
     along: list[float] = []
     size: list[float] = []
     for (_, _, _, cycle), _, shift, moved in _returns(table):
@@ -215,7 +215,7 @@ def _stays(table: _Table, name: str, chosen: Callable[[int], bool]) -> ClosureCh
     return ClosureCheck("hysteresis", good, words, {"share": share, "sd": sd})
 
 
-def _linearity(table: _Table) -> ClosureCheck:
+def _linearity(table: _Positions) -> ClosureCheck:
     """Two sizes of one load at the same visit: does half the load give half the deflection?"""
     residuals, weight, count = 0.0, 0.0, 0
     products: list[float] = []

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -15,8 +13,8 @@ from qsframework.applications.export_rapid import write_rapid
 from qsframework.applications.export_urscript import write_urscript
 from qsframework.applications.programme import Programme
 from qsframework.arguments import checked
-from qsframework.errors import InputError, Problem, nearest
-from qsframework.experiment.columns import quoted
+from qsframework.errors import InputError, Problem, nearest, refuse
+from qsframework.experiment.columns import WRENCH_NAMES, table_text
 from qsframework.files import write_text
 
 FORMATS = ("fanuc-ls", "krl", "rapid", "urscript", "csv")
@@ -115,26 +113,22 @@ def _check_names(programme: Programme) -> None:
         for name in dict.fromkeys(m.pose for m in programme.moves if m.measured)
         if not _NAME.fullmatch(name)
     ]
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
 
 
 def write_csv(programme: Programme) -> str:
     """One row per stop, in the order of the way."""
-    stream = io.StringIO()
     payload = "not stated" if programme.payload is None else f"{programme.payload:g} kg"
-    stream.write(f"# robot: {programme.robot}\n# payload: {payload}\n")
+    comments = [f"robot: {programme.robot}", f"payload: {payload}"]
     if programme.loaded:
-        stream.write("# load: hang it after the arm has stopped, take it off again before the arm starts\n")
-    writer = csv.writer(stream, lineterminator="\n")
-    angles = programme.units.names()
+        comments.append("load: hang it after the arm has stopped, take it off again before the arm starts")
     stands = any(move.station for move in programme.moves)
-    last = ["load", "fx_N", "fy_N", "fz_N", *(["tracker_moves_to"] if stands else [])]
-    writer.writerow(["stop", "pose", "visit", *angles, "speed_percent", "pause_s", *last])
+    last = ["load", *WRENCH_NAMES[:3], *(["tracker_moves_to"] if stands else [])]
+    header = ["stop", "pose", "visit", *programme.units.names(), "speed_percent", "pause_s", *last]
+    rows: list[list[str]] = []
     for i, move in enumerate(programme.moves, start=1):
         pause = "0" if not move.measured else "hold" if programme.pause is None else repr(programme.pause)
         degrees = [f"{v:.4f}" for v in programme.units.shown(move.pendant) + 0.0]
-        force = [f"{f:g}" for f in move.force]
-        pose, load, station = quoted(move.pose), quoted(move.load), [quoted(move.station)] if stands else []
-        writer.writerow([i, pose, move.repeat, *degrees, programme.speed, pause, load, *force, *station])
-    return stream.getvalue()
+        row = [str(i), move.pose, str(move.repeat), *degrees, str(programme.speed), pause, move.load]
+        rows.append([*row, *(f"{f:g}" for f in move.force), *([move.station] if stands else [])])
+    return table_text(header, rows, comments)

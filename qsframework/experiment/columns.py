@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qsframework import plausible, units
-from qsframework.errors import MOST_PROBLEMS, InputError, Problem, nearest
+from qsframework.errors import MOST_PROBLEMS, InputError, Problem, nearest, refuse
 from qsframework.files import read_text, write_text
 from qsframework.files.documents import DECIMAL
 from qsframework.plugin import Array, Indices
@@ -323,8 +323,7 @@ def _read_header(path: Path, line: int, header: list[str], columns: Sequence[Col
             and not any(t == column.stem or (t or "").startswith(column.stem + "_") for t in told)
         ):
             wrong(column.stem, "this column is missing", column.spelling())
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return chosen
 
 
@@ -444,12 +443,13 @@ def write_table(
     path: str | Path, header: Sequence[str], rows: Sequence[Sequence[str]], comments: Sequence[str]
 ) -> None:
     """Write a table, all or nothing; comments go first."""
-    write_text(path, "".join(f"# {comment}\n" for comment in comments) + table_text(header, rows))
+    write_text(path, table_text(header, rows, comments))
 
 
-def table_text(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Header and rows as a file holds them."""
+def table_text(header: Sequence[str], rows: Sequence[Sequence[str]], comments: Sequence[str] = ()) -> str:
+    """Header and rows as a file holds them, comments first."""
     stream = io.StringIO()
+    stream.writelines(f"# {comment}\n" for comment in comments)
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerows([[quoted(cell) for cell in row] for row in (header, *rows)])
     return stream.getvalue()

@@ -94,19 +94,12 @@ def tool_shapes(radius: float | None, link: int, xyz: Array) -> tuple[NamedShape
 def constraint_problems(document: Document, spec: ExperimentSpec, robot: Robot) -> list[Problem]:
     """What in `constraints:` does not fit the robot or the markers, with file and line."""
     problems: list[Problem] = []
-    limits, file = spec.constraints, str(document.path)
+    limits = spec.constraints
     places = ("wrist_centre", "flange", "load_point", *robot.frames)
     if limits.of not in places:
-        line = document.line("constraints", "of")
-        problems.append(
-            Problem(
-                f"constraints: unknown point {limits.of!r}",
-                file,
-                line,
-                allowed=", ".join(places),
-                hint=nearest(limits.of, places),
-            )
-        )
+        message, allowed = f"constraints: unknown point {limits.of!r}", ", ".join(places)
+        hint = nearest(limits.of, places)
+        problems.append(document.problem(message, "constraints", "of", allowed=allowed, hint=hint))
     problems += _value_problems(document, spec, robot)
     for slides, stated in ((False, limits.joint_limits), (True, limits.joint_travel)):
         for joint, ends in stated.items():
@@ -115,19 +108,19 @@ def constraint_problems(document: Document, spec: ExperimentSpec, robot: Robot) 
     others = limits.floor is not None or bool(limits.obstacles)
     if not robot.shapes and (own or (others and limits.tool_radius is None)):
         hint = "Give its links boxes, cylinders, spheres or meshes as visuals."
-        line = document.line("constraints")
-        problems.append(Problem("constraints: the robot's URDF has no solids to check", file, line, hint=hint))
+        message = "constraints: the robot's URDF has no solids to check"
+        problems.append(document.problem(message, "constraints", hint=hint))
     if limits.sight is not None and limits.sight.incidence_max is not None:
         used = spec.markers if limits.sight.markers is None else limits.sight.markers
         if not any(name in spec.markers and spec.markers[name].normal is not None for name in used):
-            line = document.line("constraints", "sight")
+            message = "sight: incidence_max needs a marker with a normal"
             hint = "Give a marker its normal: [x, y, z], the way its opening looks, in the frame of its link."
-            problems.append(Problem("sight: incidence_max needs a marker with a normal", file, line, hint=hint))
+            problems.append(document.problem(message, "constraints", "sight", hint=hint))
     for name in (limits.sight.markers or ()) if limits.sight is not None else ():
         if name not in spec.markers:
-            line, allowed = document.line("constraints", "sight"), ", ".join(spec.markers)
-            hint = nearest(name, list(spec.markers))
-            problems.append(Problem(f"sight: no marker {name!r}", file, line, allowed=allowed, hint=hint))
+            allowed, hint = ", ".join(spec.markers), nearest(name, spec.markers)
+            message = f"sight: no marker {name!r}"
+            problems.append(document.problem(message, "constraints", "sight", allowed=allowed, hint=hint))
     return problems
 
 
@@ -192,26 +185,13 @@ def capacity_problems(document: Document, spec: ExperimentSpec, robot: Robot) ->
     allowed = f"{robot.payload:g} kg, {most:.0f} N"
     hint = "A load meant to be heavier needs constraints: {load_capacity: false}."
     problems: list[Problem] = []
+    message = "{} is more than the robot's payload"
     if spec.load.mass is not None and spec.load.mass > robot.payload:
-        problems.append(
-            Problem(
-                f"load: {spec.load.mass:g} kg is more than the robot's payload",
-                str(document.path),
-                document.line("load"),
-                allowed=allowed,
-                hint=hint,
-            )
-        )
+        said = message.format(f"load: {spec.load.mass:g} kg")
+        problems.append(document.problem(said, "load", allowed=allowed, hint=hint))
     for i, load in enumerate(spec.loads):
         force = float(np.linalg.norm(load.wrench()[:3]))
         if force > most:
-            problems.append(
-                Problem(
-                    f"load {load.name!r}: {force:.0f} N is more than the robot's payload",
-                    str(document.path),
-                    document.line("loads", i),
-                    allowed=allowed,
-                    hint=hint,
-                )
-            )
+            said = message.format(f"load {load.name!r}: {force:.0f} N")
+            problems.append(document.problem(said, "loads", i, allowed=allowed, hint=hint))
     return problems

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from qsframework.errors import InputError, Problem
+from qsframework.errors import InputError, Problem, refuse
 from qsframework.experiment.frames import Frame, procrustes
 from qsframework.experiment.readings import Alignment, Readings
 from qsframework.experiment.setup import Experiment
@@ -94,10 +94,9 @@ def _partners(states: Readings, loaded: Indices) -> Indices:
         if found is None:
             message = f"pose {own.pose[s]!r}: this loaded row has no unloaded one to be measured against"
             hint = "Measure the marker unloaded at the same pose, with the same load_id, repeat and cycle."
-            problems.append(Problem(message, states.where, int(states.line[i]), hint=hint))
+            problems.append(states.problem(i, message, hint=hint))
         out.append(-1 if found is None else found)
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return np.array(out, dtype=np.intp)
 
 
@@ -111,11 +110,8 @@ def _check_drives(states: Readings, loaded: Indices, unloaded: Indices) -> None:
         if here and there and here != there:
             message = f"the loaded state was read in drive state {here!r}, its unloaded one (line {states.line[j]}) in"
             hint = "A held brake and a servo give differently: read both alike, or put 0 in the row's column use."
-            problems.append(
-                Problem(f"{message} {there!r}", states.where, int(states.line[i]), "drive_state", hint=hint)
-            )
-    if problems:
-        raise InputError(problems)
+            problems.append(states.problem(i, f"{message} {there!r}", "drive_state", hint=hint))
+    refuse(problems)
 
 
 def _aligned(states: Readings, experiment: Experiment) -> tuple[tuple[Frame | None, ...], tuple[Alignment, ...]]:

@@ -120,10 +120,7 @@ def _zeros(whole: Readings) -> list[Problem]:
     unpaired = whole.is_gauge & whole.is_position & whole.use & (whole.to < 0)
     message = "the gauge has no zero: its reading at one state says nothing"
     hint = "Read it loaded and unloaded (states: differences), or give to_marker for a distance."
-    return [
-        Problem(message, str(whole.sources[int(whole.file[i])]), int(whole.line[i]), hint=hint)
-        for i in np.flatnonzero(unpaired)[:MOST_PROBLEMS].tolist()
-    ]
+    return [whole.problem(i, message, hint=hint) for i in np.flatnonzero(unpaired)[:MOST_PROBLEMS].tolist()]
 
 
 def _contradictions(whole: Readings) -> list[Problem]:
@@ -149,7 +146,7 @@ def _contradictions(whole: Readings) -> list[Problem]:
             message = f"the marker's positions loaded and unloaded (line {int(whole.line[before])}) are {apart:.3g} m "
             message += f"apart, but its displacement ({file}, line {line}) is {size:.3g} m: these are not of one arm"
             hint = "Check the pose names, the marker and the units, or put 0 in the column use of the wrong row."
-            problems.append(Problem(message, str(whole.sources[int(whole.file[i])]), int(whole.line[i]), hint=hint))
+            problems.append(whole.problem(i, message, hint=hint))
     return problems[:MOST_PROBLEMS]
 
 

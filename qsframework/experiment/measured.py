@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from qsframework.errors import InputError, Problem
+from qsframework.errors import InputError, Problem, refuse
 from qsframework.experiment.columns import LARGEST, table_lines, table_text, write_table
 from qsframework.experiment.readings import Made, Readings
 from qsframework.experiment.readings_table import readings_table
@@ -80,5 +80,4 @@ def keep_measured(paths: list[Path], option: str) -> None:
         if rows:
             found = f"{rows} row{'s' if rows > 1 else ''} with a position or a time filled in"
             problems.append(Problem("would be replaced, but holds readings", str(path), found=found, hint=hint))
-    if problems:
-        raise InputError(problems)
+    refuse(problems)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -11,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import pydantic
 
 from qsframework.arguments import checked
 from qsframework.errors import InputError, Problem, nearest, refuse
@@ -31,7 +29,7 @@ from qsframework.experiment.columns import (
 )
 from qsframework.experiment.limits import within_limits
 from qsframework.experiment.setup import Experiment
-from qsframework.files import FileModel, read_yaml, sha256, validate, write_text
+from qsframework.files import FileRecord, as_file, read_yaml, sha256, validate, write_text
 from qsframework.files.formats import FORMAT, check_format
 from qsframework.plugin import Array, Conditions, Poses
 from qsframework.plugin.facts import came_from, frozen
@@ -40,7 +38,7 @@ from qsframework.viewed import Viewed
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlanCertificate:
+class PlanCertificate(FileRecord):
     """How far a plan is from the best: criterion values and certified efficiencies.
 
     value is the criterion of the plan, relaxed_value that of the relaxed design with as many poses;
@@ -62,36 +60,15 @@ class PlanCertificate:
     notes: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
-        return dataclasses.asdict(self)
+        return as_file(self)
 
 
-class _ReadModel(FileModel):
-    """A part of plan.json; keys that it does not know are passed over."""
-
-    model_config = pydantic.ConfigDict(extra="ignore", frozen=True, strict=True, allow_inf_nan=False)
-
-
-class CertificateSpec(_ReadModel):
-    """A certificate in plan.json."""
-
-    criterion: str
-    value: float
-    relaxed_value: float
-    relaxed_efficiency: float
-    efficiency: float
-    candidates: int
-    poses: int
-    parameters: list[str]
-    solver: str = ""
-    polished_from: float | None = None
-    notes: list[str] = pydantic.Field(default_factory=list)
-
-
-class ProofSpec(_ReadModel):
+@dataclass(frozen=True, kw_only=True)
+class _Proof(FileRecord):
     """plan.json, the proof beside a plan."""
 
     criterion: str
-    certificate: CertificateSpec | None
+    certificate: PlanCertificate | None
     seed: int | None
     plan_sha256: str
 
@@ -270,7 +247,7 @@ def read_plan(path: str | Path, experiment: Experiment) -> Plan:
 def read_poses(path: str | Path, experiment: Experiment) -> Poses:
     """Read a list of poses, without loads: columns q1_deg, ...; InputError with all its problems."""
     path = Path(path)
-    columns = [dataclasses.replace(c, required=c.required and c.stem.startswith("q")) for c in _columns(experiment)]
+    columns = [replace(c, required=c.required and c.stem.startswith("q")) for c in _columns(experiment)]
     table = read_table(path, columns, experiment.robot.name)
     refuse(table.problems)
     pendant = table.columns(joint_stems(experiment.robot.controller.axes))
@@ -311,15 +288,8 @@ def _proof(path: Path) -> tuple[PlanCertificate | None, str, int | None]:
     try:
         document = read_yaml(beside)
         check_format(document)
-        proof = validate(document, ProofSpec)
+        proof = validate(document, _Proof)
     except InputError as error:
-        told = (dataclasses.replace(p, message=f"is not the proof of a plan: {p.message}") for p in error.problems)
+        told = (replace(p, message=f"is not the proof of a plan: {p.message}") for p in error.problems)
         raise InputError(told) from error
-    stored = proof.certificate
-    if proof.plan_sha256 != sha256(path) or stored is None:
-        return None, proof.criterion, proof.seed
-    values: dict[str, Any] = stored.model_dump() | {
-        "parameters": tuple(stored.parameters),
-        "notes": tuple(stored.notes),
-    }
-    return PlanCertificate(**values), proof.criterion, proof.seed
+    return proof.certificate if proof.plan_sha256 == sha256(path) else None, proof.criterion, proof.seed

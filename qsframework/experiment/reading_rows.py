@@ -105,7 +105,7 @@ def measured_rows(table: Table, experiment: Experiment, of_states: bool) -> Meas
 
 def _places(table: Table, stem: str, missing: int, experiment: Experiment) -> Indices:
     """Place (R,) of each row's marker in the experiment."""
-    places = {m.name: k for k, m in enumerate(experiment.markers)}
+    places = {name: k for k, name in enumerate(experiment.marker_names)}
     return np.array([places.get(name, missing) for name in table.text(stem)], dtype=np.intp)
 
 

@@ -9,10 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from qsframework.errors import Problem
 from qsframework.experiment.frames import Frame
 from qsframework.files import sha256
 from qsframework.plugin import Array, Conditions, Indices, Poses
@@ -134,6 +136,11 @@ class Readings(Viewed):
     def where(self) -> str:
         """The files, in words for an error."""
         return ", ".join(str(s) for s in self.sources) or "simulated readings"
+
+    def problem(self, i: int, message: str, column: str | None = None, **more: Any) -> Problem:
+        """A problem of row i, in its file."""
+        file = str(self.sources[int(self.file[i])]) if self.sources else self.where
+        return Problem(message, file, int(self.line[i]), column, **more)
 
     @property
     def is_position(self) -> npt.NDArray[np.bool_]:

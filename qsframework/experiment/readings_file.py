@@ -117,7 +117,7 @@ def suggested(experiment: Experiment, states: Readings) -> str:
     return "positions" if names & of_place or GEOMETRY in (experiment.fit or ()) else "differences"
 
 
-class _State(NamedTuple):
+class _StateKey(NamedTuple):
     """What rows of one state have in common; of a displacement, the loaded one."""
 
     pose: str
@@ -150,7 +150,7 @@ def _readings(rows: MeasuredRows, experiment: Experiment) -> Readings:
     return _over(states, plus, minus + len(first), rows, experiment)
 
 
-def _keys(rows: MeasuredRows) -> list[_State]:
+def _keys(rows: MeasuredRows) -> list[_StateKey]:
     """The state of each row."""
     table = rows.table
     loads = series = [""] * len(rows.use)
@@ -159,10 +159,10 @@ def _keys(rows: MeasuredRows) -> list[_State]:
         loads, series = table.text("load_id"), table.text("series")
         loaded = [state == "loaded" for state in table.text("state")]
     counted = (table.counts("repeat"), table.counts("cycle"))
-    return [_State(*key) for key in zip(table.text("pose"), loads, series, *counted, loaded, strict=True)]
+    return [_StateKey(*key) for key in zip(table.text("pose"), loads, series, *counted, loaded, strict=True)]
 
 
-def _state_problems(rows: MeasuredRows, keys: Sequence[_State], state: Indices, first: Indices) -> list[Problem]:
+def _state_problems(rows: MeasuredRows, keys: Sequence[_StateKey], state: Indices, first: Indices) -> list[Problem]:
     """Rows that were read before, or that have other angles, times or another load than the first of their state."""
     table = rows.table
     recorded = table.columns([f"{c}{end}" for c in ("time", "temperature", "approach") for end in ("", "_unloaded")])
@@ -176,26 +176,24 @@ def _state_problems(rows: MeasuredRows, keys: Sequence[_State], state: Indices, 
     )
     out: list[Problem] = []
     for i in np.flatnonzero(differs | (once[read] != np.arange(len(read)))).tolist():
-        pose, line = keys[i].pose, table.rows[once[read[i]]]
-        if once[read[i]] != i:
-            what = f"{_label(keys[i], rows.of_states)}, marker {table.text('marker')[i]!r}"
-            out.append(table.problem(i, "pose", f"{what} stands here twice; first in line {line}", hint=hint))
+        before, line = once[read[i]], table.rows[first[state[i]]]
+        if before != i:
+            message = f"{_label(keys[i], rows.of_states)}, marker {table.text('marker')[i]!r} stands here twice"
+            out.append(table.problem(i, "pose", f"{message}; first in line {table.rows[before]}", hint=hint))
         if differs[i]:
-            message = (
-                f"pose {pose!r} has other angles, times or another load than in line {table.rows[first[state[i]]]}"
-            )
-            out.append(table.problem(i, "pose", message + "; give it another pose name, repeat or cycle"))
+            message = f"pose {keys[i].pose!r} has other angles, times or another load than in line {line}"
+            out.append(table.problem(i, "pose", f"{message}; give it another pose name, repeat or cycle"))
     return out
 
 
-def _label(key: _State, of_states: bool) -> str:
+def _label(key: _StateKey, of_states: bool) -> str:
     state = f", {STATES[key.loaded]}" if of_states else ""
     load = f", load {key.load_id!r}" if key.load_id else ""
     series = f", series {key.series!r}" if key.series else ""
     return f"pose {key.pose!r}{state}{load}{series}, repeat {key.repeat}, cycle {key.cycle}"
 
 
-def _states(rows: MeasuredRows, at: Indices, keys: Sequence[_State], experiment: Experiment) -> States:
+def _states(rows: MeasuredRows, at: Indices, keys: Sequence[_StateKey], experiment: Experiment) -> States:
     """States by a row (N,) of each."""
     loaded = np.array([key.loaded for key in keys])
     pendant = frozen(rows.pendant[at])

@@ -54,7 +54,7 @@ def columns_of(header: Sequence[str], experiment: Experiment, states: bool | Non
     """
     states = of_states(header) if states is None else states
     bare = any(name.startswith("gauge_") or name == "point" for name in header)
-    marker = one_of([m.name for m in experiment.markers], "the experiment has no such marker")
+    marker = one_of(experiment.marker_names, "the experiment has no such marker")
     state = one_of(STATES, "no such state", "unloaded or loaded")
     size = _near if states else _elastic
     names = ("load_id", "point") if states else ("reference",)
@@ -167,7 +167,7 @@ def readings_table(readings: Readings, experiment: Experiment) -> tuple[list[str
         raise InputError("positions and displacements are two files; write them one by one")
     states = bool(readings.is_position.any())
     table = _state_cells(readings, experiment, states)
-    table |= _measured_cells(readings, [m.name for m in experiment.markers], XYZ if states else MOVED)
+    table |= _measured_cells(readings, experiment.marker_names, XYZ if states else MOVED)
     table |= _name_cells(readings, states)
     table["use"] = [str(int(use)) for use in readings.use]
     table |= _recorded_cells(readings, states)

@@ -88,25 +88,23 @@ def _mean(values: Array, group: Indices, use: Array, count: int) -> Array:
 
 
 def _read_twice(table: Table, group: Indices) -> list[Problem]:
-    seen: dict[tuple[int, float], int] = {}
-    problems: list[Problem] = []
-    for i, key in enumerate(zip(group.tolist(), table.numbers["read"].tolist(), strict=True)):
-        if key in seen:
-            message = f"read {key[1]:.0f} of this marker at this visit stands here twice; first in line"
-            hint = "Number reads without moving 1, 2, 3, ...; another visit has its own number in the column repeat."
-            found = f"{message} {table.rows[seen[key]]}"
-            problems.append(Problem(found, str(table.path), table.rows[i], "read", hint=hint))
-        seen.setdefault(key, i)
-    return problems[:MOST_PROBLEMS]
+    reads = table.column("read").tolist()
+    again, first = numbered(list(zip(group.tolist(), reads, strict=True)))
+    message = "read {:.0f} of this marker at this visit stands here twice; first in line {}"
+    hint = "Number reads without moving 1, 2, 3, ...; another visit has its own number in the column repeat."
+    return [
+        table.problem(i, "read", message.format(reads[i], table.rows[first[again[i]]]), hint=hint)
+        for i in map(int, np.flatnonzero(first[again] != np.arange(len(again)))[:MOST_PROBLEMS])
+    ]
 
 
 def _elsewhere(table: Table, same: dict[str, Array], group: Indices, first: Indices) -> list[Problem]:
     """Reads at other angles or under another load than the first of their visit."""
-    problems: list[Problem] = []
-    for stem, values in same.items():
-        off = ~np.isclose(values, values[first][group], rtol=0.0, atol=0.0, equal_nan=True)
-        for i in map(int, np.flatnonzero(off)[:MOST_PROBLEMS]):
-            message = f"a read without moving has the angles and the load of line {table.rows[int(first[group[i]])]}"
-            hint = "Give another visit a number of its own in the column repeat."
-            problems.append(Problem(message, str(table.path), table.rows[i], table.names[stem], hint=hint))
-    return problems[:MOST_PROBLEMS]
+    message = "a read without moving has the angles and the load of line {}"
+    hint = "Give another visit a number of its own in the column repeat."
+    return [
+        table.problem(i, stem, message.format(table.rows[int(first[group[i]])]), hint=hint)
+        for stem, values in same.items()
+        for there in [values[first][group]]
+        for i in map(int, np.flatnonzero((values != there) & ~(np.isnan(values) & np.isnan(there))))
+    ][:MOST_PROBLEMS]

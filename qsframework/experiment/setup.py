@@ -15,7 +15,8 @@ from qsframework.arguments import checked
 from qsframework.elastostatics import Model, Site, make_model
 from qsframework.elastostatics.so3 import from_quaternion
 from qsframework.elastostatics.state import site_in
-from qsframework.errors import InputError, Problem, nearest
+from qsframework.errors import InputError, Problem, nearest, refuse
+from qsframework.experiment.columns import WRENCH_NAMES
 from qsframework.experiment.constraints import (
     Constraints,
     capacity_problems,
@@ -27,6 +28,7 @@ from qsframework.experiment.obstacles import read_obstacles
 from qsframework.experiment.spec import ExperimentSpec, LoadCaseSpec
 from qsframework.experiment.stations import Station
 from qsframework.files import Document, read_yaml, validate
+from qsframework.files.documents import Key
 from qsframework.plugin import Array, Effect, Parameter, Poses, Spring
 from qsframework.plugin.build import build_effects
 from qsframework.plugin.facts import frozen
@@ -180,6 +182,11 @@ class Experiment(Viewed):
         return self._model
 
     @property
+    def marker_names(self) -> tuple[str, ...]:
+        """Names of the markers."""
+        return tuple(m.name for m in self.markers)
+
+    @property
     def load_site(self) -> Site:
         """The load point on the last link."""
         return site_in(self.robot.flange, self.load_point)
@@ -304,8 +311,7 @@ def load_experiment(path: str | Path, *, trust: bool | None = None) -> Experimen
     try:
         robot = load_robot(spec.robot, beside=path.parent, trust=trust)
     except InputError as error:
-        line = document.line("robot")
-        raise InputError([replace(p, file=p.file or str(path), line=p.line or line) for p in error.problems]) from None
+        raise _at(document, error, "robot") from None
     problems: list[Problem] = []
     markers = _markers(document, spec, robot, problems)
     names = tuple(m.name for m in markers)
@@ -314,8 +320,7 @@ def load_experiment(path: str | Path, *, trust: bool | None = None) -> Experimen
     robot, parameters = _nominal(path, spec, effects, robot, problems, complete=not found)
     obstacles, wrong = read_obstacles(document, spec.constraints.obstacles, robot)
     problems += [*found, *constraint_problems(document, spec, robot), *wrong, *_load_problems(document, spec, robot)]
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     experiment = _with_geometry(
         Experiment(
             path=path,
@@ -385,18 +390,11 @@ def _nominal(
 def _markers(document: Document, spec: ExperimentSpec, robot: Robot, problems: list[Problem]) -> tuple[Marker, ...]:
     out: list[Marker] = []
     for name, entry in spec.markers.items():
-        line = document.line("markers", name)
         link = entry.link or robot.facts.flange
-        if link not in (*robot.frames, WORLD):
-            problems.append(
-                Problem(
-                    f"marker {name!r}: no link {link!r}",
-                    str(document.path),
-                    line,
-                    allowed=", ".join((*robot.frames, WORLD)),
-                    hint=nearest(link, (*robot.frames, WORLD)),
-                )
-            )
+        links = (*robot.frames, WORLD)
+        if link not in links:
+            message, allowed, hint = f"marker {name!r}: no link {link!r}", ", ".join(links), nearest(link, links)
+            problems.append(document.problem(message, "markers", name, allowed=allowed, hint=hint))
             continue
         normal = None if entry.normal is None else frozen(np.array(entry.normal) / np.linalg.norm(entry.normal))
         out.append(Marker(name, link, frozen(entry.xyz), normal))
@@ -428,50 +426,46 @@ def _load_problems(document: Document, spec: ExperimentSpec, robot: Robot) -> li
     loads = spec.loads
     if loads and "load" not in spec.model_fields_set:
         message = "`loads` act somewhere: say where with `load`, for example load: {point_mm: [150, 0, 200]}"
-        problems.append(Problem(message, str(document.path), document.line("loads")))
+        problems.append(document.problem(message, "loads"))
     if spec.load.mass is not None and loads:
         message = "load: a mass is a load by itself; give the mass or the list `loads`, not both"
-        problems.append(Problem(message, str(document.path), document.line("load")))
-    names = [load.name for load in loads]
+        problems.append(document.problem(message, "load"))
+    names, markers = [load.name for load in loads], list(spec.markers)
     for i, load in enumerate(loads):
-        line = document.line("loads", i)
+        name, at = f"load {load.name!r}", ("loads", i)
         if names.index(load.name) != i:
-            problems.append(Problem(f"load {load.name!r} stands here twice", str(document.path), line))
+            problems.append(document.problem(f"{name} stands here twice", *at))
         if not np.any(load.wrench()):
-            problems.append(
-                Problem(
-                    f"load {load.name!r} is zero",
-                    str(document.path),
-                    line,
-                    allowed="fx_N, fy_N, fz_N, mx_Nm, my_Nm, mz_Nm",
-                )
+            problems.append(document.problem(f"{name} is zero", *at, allowed=", ".join(WRENCH_NAMES)))
+        if load.gauge is not None and load.gauge.marker not in markers:
+            message, hint = (
+                f"{name}: its gauge is at no marker {load.gauge.marker!r}",
+                nearest(load.gauge.marker, markers),
             )
-        if load.gauge is not None and load.gauge.marker not in spec.markers:
-            found, markers = load.gauge.marker, list(spec.markers)
-            hint, allowed = nearest(found, markers), ", ".join(markers)
-            message = f"load {load.name!r}: its gauge is at no marker {found!r}"
-            problems.append(Problem(message, str(document.path), line, allowed=allowed, hint=hint))
+            problems.append(document.problem(message, *at, allowed=", ".join(markers), hint=hint))
         if load.poses is not None and load.poses < 1:
-            problems.append(Problem(f"load {load.name!r}: poses must be 1 or more", str(document.path), line))
+            problems.append(document.problem(f"{name}: poses must be 1 or more", *at))
         if load.poses_min is not None and (load.poses_min < 1 or load.poses is not None):
-            message = f"load {load.name!r}: poses_min must be 1 or more, and goes without poses"
-            problems.append(Problem(message, str(document.path), line))
+            problems.append(document.problem(f"{name}: poses_min must be 1 or more, and goes without poses", *at))
     return problems
 
 
 def _check_model(document: Document, experiment: Experiment) -> None:
     """Effects that do not fit together, and names in `fit`, are problems of the file."""
-    problems: list[Problem] = []
-    file = str(document.path)
     try:
         model = experiment.model()
     except InputError as error:
-        line = document.line("effects")
-        raise InputError([replace(p, file=file, line=line) for p in error.problems]) from None
+        raise _at(document, error, "effects") from None
+    problems: list[Problem] = []
     for i, entry in enumerate(experiment.fit or ()):
         try:
             expand_name(entry, model)
         except InputError as error:
-            problems += [replace(p, file=file, line=document.line("fit", i)) for p in error.problems]
-    if problems:
-        raise InputError(problems)
+            problems += _at(document, error, "fit", i).problems
+    refuse(problems)
+
+
+def _at(document: Document, error: InputError, *keys: Key) -> InputError:
+    """The problems of an error at the entry of a document that led to it, where they name no file."""
+    file, line = str(document.path), document.line(*keys)
+    return InputError([replace(p, file=p.file or file, line=p.line or line) for p in error.problems])

@@ -136,7 +136,7 @@ def _moved(visits: _Visits, poses: Poses, rows: Indices) -> Readings:
 def _gauged(experiment: Experiment, readings: Readings, load: npt.NDArray[np.str_], seen: Flags) -> Readings:
     """Displacements (R,) of which those under a load with a gauge are what it reads; those of unseen markers go."""
     gauges = {case.name: case.gauge for case in experiment.loads if case.gauge is not None}
-    keep, names = seen.copy(), np.array([m.name for m in experiment.markers])[readings.marker]
+    keep, names = seen.copy(), np.array(experiment.marker_names)[readings.marker]
     for name, gauge in gauges.items():
         own = load == name
         keep[own] = names[own] == gauge.marker
@@ -226,14 +226,13 @@ def displaced(
 ) -> Readings:
     """Readings of every marker's displacement (N, K, 3) m at N poses, each minus an unloaded state of its own."""
     count, markers = (int(n) for n in displacement.shape[:2])
-    unloaded = replace(poses, wrench=np.zeros_like(poses.wrench), loaded=poses.unloaded)
-    loaded = replace(poses, unloaded=poses.loaded)
-    both = (loaded, unloaded)
+    loaded, both = np.arange(2 * count) < count, poses.take(np.tile(np.arange(count), 2))
+    wrench = np.where(loaded[:, None], both.wrench, 0.0)
+    conditions = _stacked([poses.loaded, poses.unloaded])
     repeat = np.ones(count, dtype=np.intp) if repeat is None else repeat
-    pendant, q, wrench = (np.concatenate([getattr(p, k) for p in both]) for k in ("pendant", "q", "wrench"))
     states = States(
-        poses=Poses(pendant, q, wrench, _stacked([p.unloaded for p in both]), _stacked([p.loaded for p in both])),
-        loaded=np.arange(2 * count) < count,
+        poses=replace(both, wrench=wrench, unloaded=conditions, loaded=conditions),
+        loaded=loaded,
         pose=(*names, *names),
         load_id=("",) * (2 * count),
         series=("",) * (2 * count),

@@ -43,6 +43,10 @@ class Document:
                 return self.lines[keys[:stop]]
         return None
 
+    def problem(self, message: str, *keys: Key, **more: Any) -> Problem:
+        """A problem of the entry at the keys."""
+        return Problem(message, str(self.path), self.line(*keys), **more)
+
 
 def read_text(path: str | Path, largest: int = _LARGEST) -> str:
     """The text of a file. InputError if it is missing, a directory, too large or not UTF-8."""

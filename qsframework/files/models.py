@@ -62,12 +62,12 @@ _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 def _beyond(document: Document, data: Any, at: tuple[Key, ...]) -> Iterator[Problem]:
     """Numbers that are finite and yet none of a robot, and texts that a terminal would obey."""
     if any(isinstance(text, str) and _CONTROL.search(text) for text in (data, *at[-1:])):
-        yield _at(document, at, "a control character in a text", found=_short(data))
+        yield document.problem("a control character in a text", *at, found=_short(data))
     if is_mapping(data) or is_list(data):
         for key, value in data.items() if is_mapping(data) else enumerate(data):
             yield from _beyond(document, value, (*at, key))
     elif isinstance(data, int | float) and GREATEST < abs(data) < math.inf:
-        yield _at(document, at, f"{_spoken(at)} is beyond {GREATEST:g}, which no quantity is", found=_short(data))
+        yield document.problem(f"{_spoken(at)} is beyond {GREATEST:g}, which no quantity is", *at, found=_short(data))
 
 
 def _nested(info: pydantic.fields.FieldInfo) -> tuple[type[Any] | None, bool, bool]:
@@ -110,16 +110,18 @@ def _to_si(document: Document, model: type[Any], data: Any, at: tuple[Key, ...],
             out[key] = value
         elif key in stems:
             allowed = _names(stems[key].values(), key)
-            problems.append(_at(document, (*at, key), f"key {key!r} does not say its unit", allowed=allowed))
+            problems.append(document.problem(f"key {key!r} does not say its unit", *at, key, allowed=allowed))
         elif parts is not None:
             stem, unit = parts
             fits = [f for f, si in stems[stem].items() if units.known(unit) and units.same_dimension(unit, si)]
             name = fits[0] if fits else stem
             if not fits:
                 allowed = _names(stems[stem].values(), stem)
-                problems.append(_at(document, (*at, key), f"key {key!r} ends in no unit of this kind", allowed=allowed))
+                problems.append(
+                    document.problem(f"key {key!r} ends in no unit of this kind", *at, key, allowed=allowed)
+                )
             elif name in out:
-                problems.append(_at(document, (*at, key), f"{name} is given twice"))
+                problems.append(document.problem(f"{name} is given twice", *at, key))
             else:
                 out[name] = _converted(document, value, unit, stems[stem][name], (*at, key), problems)
         else:
@@ -154,17 +156,15 @@ def _converted(document: Document, value: Any, unit: str, si: str, at: tuple[Key
     if value is None:
         return None  # whether it may be left open, says the field
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        problems.append(_at(document, at, f"{_spoken(at)} must be a finite number", found=repr(value)))
+        problems.append(document.problem(f"{_spoken(at)} must be a finite number", *at, found=repr(value)))
         return 1.0
     converted = float(units.to_si(float(value), unit))
     if (known := plausible.beyond(converted, si)) is not None:
         allowed = plausible.allowed(known, si, unit)
-        problems.append(_at(document, at, f"{_spoken(at)} is no {known.quantity}", found=repr(value), allowed=allowed))
+        problems.append(
+            document.problem(f"{_spoken(at)} is no {known.quantity}", *at, found=repr(value), allowed=allowed)
+        )
     return converted
-
-
-def _at(document: Document, keys: tuple[Key, ...], message: str, **more: Any) -> Problem:
-    return Problem(message, file=str(document.path), line=document.line(*keys), **more)
 
 
 def _spellings(model: type[Any]) -> Iterator[str]:
@@ -224,22 +224,21 @@ def _problem(document: Document, model: type[Any], at: tuple[Key, ...], error: A
     keys = (*at, *_file_keys(document, at, loc))
     if error["type"] == "extra_forbidden":
         allowed = list(_spellings(owner))
-        return _at(
-            document, keys, f"unknown key {loc[-1]!r}", allowed=", ".join(allowed), hint=nearest(str(loc[-1]), allowed)
-        )
+        hint = nearest(str(loc[-1]), allowed)
+        return document.problem(f"unknown key {loc[-1]!r}", *keys, allowed=", ".join(allowed), hint=hint)
     if error["type"] == "missing":
         mark = measured(owner).get(str(loc[-1]))
         name = units.allowed_names(mark.stem, mark.si) if mark else str(loc[-1])
         info = fields(owner).get(str(loc[-1]))
         shown = info.examples if info else None
         hint = f"Add for example {' or '.join(f'`{name}: {text}`' for text in shown)}." if shown else None
-        return _at(document, (*at, *loc[:-1]), f"key {name!r} is missing", hint=hint)
+        return document.problem(f"key {name!r} is missing", *at, *loc[:-1], hint=hint)
     found = _found(document, keys) if len(keys) == len(at) + len(loc) else error.get("input")
     said = _WORDS.get(error["type"], error["msg"].removeprefix("Value error, "))
     allowed = (
         ", ".join(_spellings(_owner(model, (*loc, "")))) if error["type"] in ("model_type", "dataclass_type") else None
     )
-    return _at(document, keys, f"{where}: {said}", found=_short(found), allowed=allowed)
+    return document.problem(f"{where}: {said}", *keys, found=_short(found), allowed=allowed)
 
 
 def _short(value: Any) -> str:

@@ -495,7 +495,7 @@ def test_tracker_files_in_place_of_readings_name_the_import(tmp_path: Path) -> N
 
 
 def test_times_are_read_in_one_way_only() -> None:
-    from qsframework.applications.importers.times import moment
+    from qsframework.applications.importers.vocabulary import moment
 
     noon = datetime.datetime(2026, 3, 9, 12, tzinfo=datetime.UTC).timestamp()
     assert moment("2026-03-09T12:00:00Z", "") == (noon, "date")

@@ -70,7 +70,7 @@ def read_campaign(path: Path, experiment: Experiment) -> Campaign:
 def of_plan(plan: Plan, experiment: Experiment, path: Path | None = None) -> Campaign:
     """Every pose unloaded and then loaded, all markers each time, as often as the plan repeats it; where the experiment
     has no load, none hung."""
-    names = np.array([m.name for m in experiment.markers])
+    names = np.array(experiment.marker_names)
     seen = seen_markers(experiment, plan.q, plan.stations)
     each = [names[own].tolist() for own in seen]
     order = tuple(

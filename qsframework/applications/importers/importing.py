@@ -22,7 +22,6 @@ from qsframework.applications.importers.joining import (
 )
 from qsframework.applications.importers.layout import Sheet
 from qsframework.applications.importers.matching import (
-    Naming,
     TrackerPoint,
     check_order_meant,
     check_twice,
@@ -43,30 +42,24 @@ from qsframework.applications.importers.placing import (
     series_of,
     unit_problem,
 )
-from qsframework.applications.importers.sheets import read_sheet
+from qsframework.applications.importers.sheets import NOTHING_STATED, read_sheet
 from qsframework.applications.importers.tables import (
     Listing,
-    Stated,
     check_columns,
     first_rows,
     interpret,
     stated_units,
 )
-from qsframework.applications.importers.vocabulary import own_columns
-from qsframework.applications.importers.writing import readings_rows, rewritten_rows
+from qsframework.applications.importers.writing import own_rows, readings_rows
 from qsframework.applications.options import ImportOptions
 from qsframework.arguments import checked
 from qsframework.errors import InputError, Problem, all_of, refuse
 from qsframework.experiment import Experiment, Frame, Readings
 from qsframework.experiment.readings_file import readings_of
-from qsframework.experiment.readings_table import displacement_columns, state_columns
 from qsframework.plugin import Array
 
 UNLOADED = "unloaded"
 """Alignment by the campaign's own unloaded readings."""
-
-
-PLAIN = ImportOptions()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -86,11 +79,9 @@ class Imported:
     angles: str
     files: tuple[Listing, ...] = ()
     points: tuple[TrackerPoint, ...] = ()
-    campaign: Campaign = EMPTY
     missing: tuple[PlanSlot, ...] = ()
     ignored: tuple[TrackerPoint, ...] = ()
     hidden: tuple[TrackerPoint, ...] = ()
-    known: tuple[TrackerPoint, ...] = ()
     placed: tuple[Placed, ...] = ()
     aligned: tuple[Aligned, ...] = ()
     sheets: tuple[Sheet, ...] = ()
@@ -98,7 +89,7 @@ class Imported:
 
 @checked
 def import_readings(
-    experiment: Experiment, files: Sequence[Path], plan: Path | None = None, options: ImportOptions = PLAIN
+    experiment: Experiment, files: Sequence[Path], plan: Path | None = None, options: ImportOptions = NOTHING_STATED
 ) -> Imported:
     """Readings from point lists and joint logs.
 
@@ -115,16 +106,16 @@ def import_readings(
         InputError: with file, row, what was found and what to state, wherever two interpretations are possible.
     """
     units = stated_units(options.units)
-    sheets = all_of(
-        partial(read_sheet, p, options.sheet, options.separator, options.decimal, options.ignore) for p in files
-    )
-    ours = [sheet for sheet in sheets if _is_ours(sheet, experiment)]
+    sheets = all_of(partial(read_sheet, p, options) for p in files)
+    ours = [(sheet, rows) for sheet in sheets if (rows := own_rows(sheet, experiment)) is not None]
     if ours:
-        return _rewritten(ours, sheets, experiment)
-    stated = Stated(options.columns, units, options.join == "time")
+        if len(sheets) > 1:
+            where = ", ".join(sheet.where for sheet, _ in ours)
+            raise InputError(Problem("is a table of readings already; import it by itself", where))
+        return _rewritten(*ours[0], experiment)
     joints = experiment.robot.facts.driven
     check_columns(sheets, options.columns, len(joints))
-    listings = all_of(partial(interpret, s, stated, joints) for s in sheets)
+    listings = all_of(partial(interpret, s, options, units, joints) for s in sheets)
     lists, logs = [li for li in listings if li.is_points], [li for li in listings if not li.is_points]
     if not lists:
         where = ", ".join(s.where for s in sheets)
@@ -132,18 +123,13 @@ def import_readings(
     if len(logs) > 1:
         where = ", ".join(li.sheet.where for li in logs)
         raise InputError(Problem("several joint logs", where, hint="Join them into one file, or import day by day."))
-    known = None if options.align in ("", UNLOADED) else _known(Path(options.align), options, stated, joints)
+    known = None if options.align in ("", UNLOADED) else _known(Path(options.align), options, units, joints)
     return _Import(experiment, lists, logs[0] if logs else None, known, plan, options).run()
 
 
-def _is_ours(sheet: Sheet, experiment: Experiment) -> bool:
-    columns = (state_columns(experiment), displacement_columns(experiment))
-    return any(own_columns(sheet.header, own) for own in columns)
-
-
-def _known(path: Path, options: ImportOptions, stated: Stated, joints: Sequence[str]) -> Listing:
+def _known(path: Path, options: ImportOptions, units: Mapping[str, str], joints: Sequence[str]) -> Listing:
     """A file of known points in the base frame."""
-    listing = interpret(read_sheet(path, "", options.separator, options.decimal), stated, joints)
+    listing = interpret(read_sheet(path, replace(options, sheet="", ignore=())), options, units, joints)
     if not listing.is_points or "name" not in listing.texts or listing.hidden.any():
         raise InputError(Problem("known points have a name and x, y, z in the base frame", str(path)))
     if not listing.unit:
@@ -155,19 +141,11 @@ def _known(path: Path, options: ImportOptions, stated: Stated, joints: Sequence[
     return listing
 
 
-def _rewritten(ours: Sequence[Sheet], sheets: Sequence[Sheet], experiment: Experiment) -> Imported:
+def _rewritten(sheet: Sheet, rows: tuple[tuple[str, ...], ...], experiment: Experiment) -> Imported:
     """One of our own tables that a spreadsheet saved with its separator and decimal sign."""
-    if len(sheets) > 1:
-        where = ", ".join(s.where for s in ours)
-        raise InputError(Problem("is a table of readings already; import it by itself", where))
-    sheet = ours[0]
-    of_states = "state" in sheet.header
-    columns = state_columns(experiment) if of_states else displacement_columns(experiment)
-    rows = rewritten_rows(sheet, columns)
     readings = _read_back(sheet.header, rows, experiment, [(sheet.where, r.line) for r in sheet.rows], {})
-    own = tuple(tuple(row) for row in rows)
     return Imported(
-        header=sheet.header, rows=own, readings=readings, match="columns", angles="columns", sheets=(sheet,)
+        header=sheet.header, rows=rows, readings=readings, match="columns", angles="columns", sheets=(sheet,)
     )
 
 
@@ -198,18 +176,17 @@ class _Import:
     def run(self) -> Imported:
         options, experiment = self.options, self.experiment
         campaign = EMPTY if self.plan is None else read_campaign(self.plan, experiment)
-        naming = Naming(options.names, options.state, options.series, options.ignore)
-        lists = [without_idle_names(li, campaign, experiment, naming) for li in self.lists]
+        lists = [without_idle_names(li, campaign, experiment, self.options) for li in self.lists]
         self._check_travels()
-        how = self._join(campaign, naming)
+        how = self._join(campaign)
         logged: list[str] = []
         if self.log is not None and how == "names":
-            logged = names_of(self.log, campaign, dict(options.names))
+            logged = names_of(self.log, campaign, options.names)
             if not campaign.poses:
                 campaign = campaign.with_poses(poses_of(self.log, logged, self.joints))
         if not campaign.poses:
-            campaign, lists = self._found_poses(lists, naming, how)
-        points, ignored = read_points(lists, campaign, experiment, naming)
+            campaign, lists = self._found_poses(lists, how)
+        points, ignored = read_points(lists, campaign, experiment, self.options)
         points, known = self._parted(points)
         blind = tuple(p for p in points if p.hidden)
         if options.match == "names":
@@ -238,16 +215,14 @@ class _Import:
             angles=how,
             files=(*lists, *(x for x in (self.log, self.known) if x is not None)),
             points=tuple(points),
-            campaign=campaign,
             missing=tuple(s for s in campaign.order if s not in slots),
             ignored=tuple(ignored),
             hidden=blind,
-            known=tuple(known),
             placed=placed,
             aligned=aligned,
         )
 
-    def _join(self, campaign: Campaign, naming: Naming) -> str:
+    def _join(self, campaign: Campaign) -> str:
         """Where the angles are from."""
         if all("q1" in li.numbers for li in self.lists):
             return "columns"
@@ -257,7 +232,7 @@ class _Import:
             return "plan"
         if self.options.join:
             return self.options.join
-        if any(names_of(self.log, campaign, dict(naming.names))):
+        if any(names_of(self.log, campaign, self.options.names)):
             return "names"
         message = "nothing says how the rows of this joint log belong to the points: it names no pose"
         hint, argument = "State it: in their order, or by the time of every point.", ("join", "order")
@@ -278,26 +253,21 @@ class _Import:
             argument = ("map", ",".join(f"{role}={name}" for role, name in pairs))
         return Problem(message, where, hint=hint, argument=argument)
 
-    def _found_poses(self, lists: Sequence[Listing], naming: Naming, how: str) -> tuple[Campaign, list[Listing]]:
+    def _found_poses(self, lists: Sequence[Listing], how: str) -> tuple[Campaign, list[Listing]]:
         """Poses out of the points' own angles, or of a log without names: called as the points say, else counted."""
-        points, _ = read_points(lists, EMPTY, self.experiment, naming)
-        stops: list[int] = []
-        visits = visits_of(points)
+        options = self.options if how != "columns" else replace(self.options, ignore=())
+        points, _ = read_points(lists, EMPTY, self.experiment, options)
         if how == "columns":
             angles = np.vstack([li.angles(self.joints) for li in lists])
-            points, _ = read_points(lists, EMPTY, self.experiment, replace(naming, ignore=()))
-            visits = list(range(len(points)))
-        elif self.log is not None and how == "order":
-            angles = join_order(points, self.log, self.joints)
+            counted = [str(k + 1) for k in range(len(points))]
         else:
-            assert self.log is not None
-            angles, stops = join_time(points, self.log, self.joints, self.options.clock, EMPTY)
+            angles, stops = self._logged_angles(points, EMPTY, how)
+            counted = [f"s{k:02d}" for k in stops] or [str(k + 1) for k in visits_of(points)]
         poses: dict[str, Array] = {}
         named: dict[tuple[int, int], str] = {}
         problems: list[Problem] = []
-        for i, (point, own) in enumerate(zip(points, angles, strict=True)):
-            counted = f"s{stops[i]:02d}" if stops else str(visits[i] + 1)
-            name = point.said.pose or "_".join(point.said.unknown) or counted
+        for point, own, count in zip(points, angles, counted, strict=True):
+            name = point.said.pose or "_".join(point.said.unknown) or count
             if name in poses and np.abs(poses[name] - own).max() > 1e-3:
                 hint = "Let the names, or a column, distinguish the poses."
                 problems.append(point.problem(f"pose {name!r} has other angles than above", "name", hint=hint))
@@ -309,6 +279,13 @@ class _Import:
             for li in lists
         ]
         return EMPTY.with_poses(poses), out
+
+    def _logged_angles(self, points: Sequence[TrackerPoint], campaign: Campaign, how: str) -> tuple[Array, list[int]]:
+        """Pendant angles (N, n) rad of every point by a log, and the stop of each where they are joined by time."""
+        assert self.log is not None
+        if how == "order":
+            return join_order(points, self.log, self.joints), []
+        return join_time(points, self.log, self.joints, self.options.clock, campaign)
 
     def _parted(self, points: Sequence[TrackerPoint]) -> tuple[list[TrackerPoint], list[TrackerPoint]]:
         """Points of the campaign, and those that are known points."""
@@ -370,10 +347,8 @@ class _Import:
             message, lost = "the joint log has no row of this pose", [p for p in points if p.taken.pose not in own]
             refuse([p.problem(message, found=p.taken.pose) for p in lost])
             found = np.stack([own[p.taken.pose] for p in points])
-        elif how == "order":
-            found = join_order(points, self.log, self.joints)
         else:
-            found, _ = join_time(points, self.log, self.joints, self.options.clock, campaign)
+            found, _ = self._logged_angles(points, campaign, how)
         check_planned(points, found, campaign, self.log, self.experiment.robot.controller)
         return found
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from qsframework.applications.importers.campaign import Campaign
 from qsframework.applications.importers.matching import TrackerPoint, label
-from qsframework.applications.importers.names import decode, plain, vocabulary
+from qsframework.applications.importers.names import decode, vocabulary
 from qsframework.applications.importers.tables import Listing
 from qsframework.errors import InputError, Problem, refuse
 from qsframework.experiment.limits import other_angles
@@ -28,26 +28,21 @@ _CLOCK = 0.25
 
 @dataclass(frozen=True, eq=False)
 class Stop:
-    """A stretch of a log in which the arm stood still: rows, their first and last time (s), mean angles (n,)."""
+    """A stretch of a log in which the arm stood still: its first and last time (s), mean angles (n,)."""
 
-    first: int
-    last: int
     start: float
     end: float
     pendant: Array
 
 
-def names_of(log: Listing, campaign: Campaign, words: dict[str, str]) -> list[str]:
+def names_of(log: Listing, campaign: Campaign, words: Mapping[str, str]) -> list[str]:
     """The pose that each row of a log names, as the plan calls it where there is one; "" where it names none."""
     role = next((r for r in ("pose", "name") if r in log.texts), None)
     if role is None:
         return [""] * len(log)
     known = vocabulary(campaign, (), words)
-    out: list[str] = []
-    for cell in log.texts[role]:
-        own = [value for kind, value in known.meanings.get(plain(cell), ()) if kind == "pose"]
-        out.append(own[0] if own else (decode(cell, known).pose or ("" if campaign.poses else cell)))
-    return out
+    other = {cell: decode(cell, known).pose or ("" if campaign.poses else cell) for cell in log.texts[role]}
+    return [next(iter(known.meant(cell, "pose")), other[cell]) for cell in log.texts[role]]
 
 
 def poses_of(log: Listing, names: Sequence[str], joints: int) -> dict[str, Array]:
@@ -118,7 +113,7 @@ def stops_of(log: Listing, joints: int) -> list[Stop]:
             if i - first > 1:
                 own = angles[first:i]
                 mean = own[0] + (own - own[0]).mean(axis=0)
-                out.append(Stop(first, i - 1, float(times[first]), float(times[i - 1]), mean))
+                out.append(Stop(float(times[first]), float(times[i - 1]), mean))
             first = i
     return out
 
@@ -148,18 +143,14 @@ def join_time(
             outside = stop is None or k == len(stops) - 1
             wrong.append((point, f"the log says nothing at {at}" if outside else f"the arm moves at {at}"))
         elif _elsewhere(point, stop, campaign):
-            wrong.append((point, f"the arm does not stand at pose {_pose(point)} at {at}"))
+            wrong.append((point, f"the arm does not stand at pose {point.pose} at {at}"))
     if wrong:
         raise InputError(_clock_problems(wrong, points, times, stops, log, campaign))
     return np.stack([stops[k].pendant for k in place]), [k + 1 for k in place]
 
 
-def _pose(point: TrackerPoint) -> str | None:
-    return point.slot.pose if point.slot is not None else point.said.pose
-
-
 def _elsewhere(point: TrackerPoint, stop: Stop, campaign: Campaign) -> bool:
-    planned = campaign.poses.get(_pose(point) or "")
+    planned = campaign.poses.get(point.pose)
     return planned is not None and bool(np.abs(stop.pendant - planned).max() > _PLANNED)
 
 
@@ -221,7 +212,7 @@ def _windows(
     that puts the point there."""
     out: list[tuple[float, float, float]] = []
     for point, t in zip(points, times.tolist(), strict=True):
-        if _pose(point) not in campaign.poses:
+        if point.pose not in campaign.poses:
             continue
         own = [s for s in stops if not _elsewhere(point, s, campaign)]
         if len(own) == 1:
@@ -236,7 +227,7 @@ def check_planned(
     convention in which all are."""
     problems: list[Problem] = []
     for point, angles in zip(points, pendant, strict=True):
-        planned = campaign.poses.get(_pose(point) or "")
+        planned = campaign.poses.get(point.pose)
         if planned is None:
             continue
         off = np.rad2deg(np.abs(angles - planned))
@@ -258,8 +249,8 @@ def _all_elsewhere(
     controller: Controller,
 ) -> Problem:
     """One problem of most points, with the convention of the log in which it agrees with the plan."""
-    known = [k for k, point in enumerate(points) if _pose(point) in campaign.poses]
-    planned = np.array([campaign.poses[_pose(points[k]) or ""] for k in known])
+    known = [k for k, point in enumerate(points) if point.pose in campaign.poses]
+    planned = np.array([campaign.poses[points[k].pose] for k in known])
     others = other_angles(controller, pendant[known])
     words = next((words for words, values in others if (np.abs(values - planned) <= _PLANNED).all()), "")
     message = f"{problems[0].message}, and so with {len(problems)} of {len(points)} points"

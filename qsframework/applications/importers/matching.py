@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from fnmatch import fnmatchcase
 from typing import Any
@@ -15,6 +15,7 @@ from qsframework.applications.importers.campaign import Campaign, PlanSlot
 from qsframework.applications.importers.names import HALF, Said, Vocabulary, decode, plain, vocabulary
 from qsframework.applications.importers.tables import Listing, quoted_word
 from qsframework.applications.importers.vocabulary import FOUND_BY, PLAIN
+from qsframework.applications.options import ImportOptions
 from qsframework.applications.protocol import HALF as HALF_LOAD
 from qsframework.errors import InputError, Problem, nearest, refuse
 from qsframework.experiment import Experiment, Frame
@@ -26,16 +27,6 @@ _REFLECTOR = re.compile(
 """What the type of a reflector is called; it is no name of a point."""
 _APART = 3.0
 """The second nearest marker is this many times as far away as the nearest, or nothing is taken."""
-
-
-@dataclass(frozen=True)
-class Naming:
-    """What the user says of names. names: found=meant; state: of every point, or ""; ignore: patterns of names."""
-
-    names: Mapping[str, str]
-    state: str = ""
-    series: str = ""
-    ignore: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -66,6 +57,11 @@ class TrackerPoint:
         return self.slot
 
     @property
+    def pose(self) -> str:
+        """The pose that it was taken as, or else that it says; "" for none."""
+        return (self.said.pose or "") if self.slot is None else self.slot.pose
+
+    @property
     def xyz(self) -> Array:
         """Its coordinates (3,)."""
         return self.listing.xyz[self.row]
@@ -87,12 +83,11 @@ class TrackerPoint:
 
 
 def read_points(
-    listings: Sequence[Listing], campaign: Campaign, experiment: Experiment, naming: Naming
+    listings: Sequence[Listing], campaign: Campaign, experiment: Experiment, options: ImportOptions
 ) -> tuple[list[TrackerPoint], list[TrackerPoint]]:
     """The points of the files in their order, and those that were to be ignored."""
-    markers = [m.name for m in experiment.markers]
-    known = vocabulary(campaign, markers, naming.names)
-    _check_words(naming, known, campaign, markers)
+    known = vocabulary(campaign, experiment.marker_names, options.names)
+    _check_words(options, known, [*campaign.poses, *experiment.marker_names, "loaded", "unloaded"])
     points: list[TrackerPoint] = []
     ignored: list[TrackerPoint] = []
     for listing in listings:
@@ -101,16 +96,16 @@ def read_points(
         for i in range(len(listing)):
             parts = [listing.texts[r][i] for r in ("collection", "group", "name", "block") if r in listing.texts]
             name = "::".join(p for p in parts if p)
-            point = _point(listing, i, name, around, known, naming)
-            skip = any(fnmatchcase(text, pattern) for pattern in naming.ignore for text in (name, *parts[-2:]))
+            point = _point(listing, i, name, around, known, options)
+            skip = any(fnmatchcase(text, pattern) for pattern in options.ignore for text in (name, *parts[-2:]))
             (ignored if skip else points).append(point)
     return points, ignored
 
 
-def without_idle_names(listing: Listing, campaign: Campaign, experiment: Experiment, naming: Naming) -> Listing:
+def without_idle_names(listing: Listing, campaign: Campaign, experiment: Experiment, options: ImportOptions) -> Listing:
     """The listing without columns of names, poses or markers that are the same in all rows, or a reflector's type, and
     say nothing of a point."""
-    known = vocabulary(campaign, [m.name for m in experiment.markers], naming.names)
+    known = vocabulary(campaign, experiment.marker_names, options.names)
     texts = dict(listing.texts)
     for role in ("name", "pose", "marker"):
         cells = set(texts.get(role, ()))
@@ -123,16 +118,15 @@ def without_idle_names(listing: Listing, campaign: Campaign, experiment: Experim
     return replace(listing, texts=texts, taken=taken, left=(*listing.left, *left)) if left else listing
 
 
-def _check_words(naming: Naming, known: Vocabulary, campaign: Campaign, markers: Sequence[str]) -> None:
-    allowed = [*campaign.poses, *markers, "loaded", "unloaded"]
+def _check_words(options: ImportOptions, known: Vocabulary, allowed: Sequence[str]) -> None:
     wrong: list[Problem] = []
-    for word, meant in naming.names.items():
+    for word, meant in options.names.items():
         if plain(meant) not in known.meanings:
             message, hint = f"the word {word!r} cannot mean this", nearest(meant, allowed)
             wrong.append(Problem(message, found=repr(meant), allowed=_few(allowed), hint=hint))
-    if naming.state not in ("", "loaded", "unloaded"):
-        hint = nearest(naming.state, ("loaded", "unloaded"))
-        wrong.append(Problem("no such state", found=repr(naming.state), allowed="unloaded, loaded", hint=hint))
+    if options.state not in ("", "loaded", "unloaded"):
+        hint = nearest(options.state, ("loaded", "unloaded"))
+        wrong.append(Problem("no such state", found=repr(options.state), allowed="unloaded, loaded", hint=hint))
     refuse(wrong)
 
 
@@ -141,7 +135,9 @@ def _few(names: Sequence[str]) -> str:
     return ", ".join(names) if len(names) <= 16 else ", ".join([*names[:14], f"... and {len(names) - 14} more"])
 
 
-def _point(listing: Listing, i: int, name: str, around: Said, known: Vocabulary, naming: Naming) -> TrackerPoint:
+def _point(
+    listing: Listing, i: int, name: str, around: Said, known: Vocabulary, options: ImportOptions
+) -> TrackerPoint:
     """What the columns, then the name, then the file and the sheet, then the user say of a row."""
     said = decode(name, known)
     by = {kind: "name" for kind in ("pose", "marker", "loaded") if getattr(said, kind) is not None}
@@ -154,10 +150,10 @@ def _point(listing: Listing, i: int, name: str, around: Said, known: Vocabulary,
         by["loaded"] = "file"
     if said.repeat is None and around.repeat is not None:
         said = replace(said, repeat=around.repeat)
-    if said.loaded is None and naming.state:
-        said = replace(said, loaded=naming.state == "loaded")
+    if said.loaded is None and options.state:
+        said = replace(said, loaded=options.state == "loaded")
         by["loaded"] = "stated"
-    series = listing.texts["series"][i] if "series" in listing.texts else naming.series
+    series = listing.texts["series"][i] if "series" in listing.texts else options.series
     return TrackerPoint(listing, i, name, said, series=series, by=tuple(by.items()))
 
 
@@ -166,7 +162,7 @@ def _of_column(said: Said, role: str, cell: str, known: Vocabulary) -> tuple[Sai
     told = decode(cell, known)
     said = replace(said, several=tuple(s for s in said.several if not s.startswith(role)))
     if role in ("pose", "marker"):
-        meant = [value for kind, value in known.meanings.get(plain(cell), ()) if kind == role]
+        meant = known.meant(cell, role)
         return replace(said, **{role: meant[0] if len(meant) == 1 else cell}), role
     if role == "state":
         return replace(said, loaded=told.loaded, load=said.load or told.load), "loaded"
@@ -199,7 +195,7 @@ def check_order_meant(points: Sequence[TrackerPoint], campaign: Campaign, experi
         return
     if strange and fits:
         message, hint = f"the block of columns {strange[0]!r} names no marker", "Leave it out."
-        allowed, argument = _few([m.name for m in experiment.markers]), ("ignore", quoted_word(strange[0]))
+        allowed, argument = _few(experiment.marker_names), ("ignore", quoted_word(strange[0]))
         raise InputError(points[0].problem(message, "block", allowed=allowed, hint=hint, argument=argument))
     message, role = "no name says a pose of the plan", "name"
     if bare:
@@ -223,10 +219,9 @@ def _order(points: Sequence[TrackerPoint], campaign: Campaign) -> list[PlanSlot]
 
 def _in_order(points: Sequence[TrackerPoint], experiment: Experiment) -> list[TrackerPoint]:
     """The points as the files have them, those of one row in the order of the experiment's markers."""
-    markers = [m.name for m in experiment.markers]
-    files = list(dict.fromkeys(id(p.listing) for p in points))
-    places = {name: k for k, name in enumerate(markers)}
-    return sorted(points, key=lambda p: (files.index(id(p.listing)), p.line, places.get(p.said.marker or "", -1)))
+    files = list(dict.fromkeys(p.listing for p in points))
+    places = {name: k for k, name in enumerate(experiment.marker_names)}
+    return sorted(points, key=lambda p: (files.index(p.listing), p.line, places.get(p.said.marker or "", -1)))
 
 
 def _gathered(problems: Sequence[Problem], points: Sequence[TrackerPoint]) -> list[Problem]:
@@ -256,8 +251,7 @@ def _name_in(problem: Problem) -> str:
 def _named(
     point: TrackerPoint, campaign: Campaign, experiment: Experiment, problems: list[Problem]
 ) -> TrackerPoint | None:
-    said, by = point.said, dict(point.by)
-    markers = [m.name for m in experiment.markers]
+    said, by, markers = point.said, dict(point.by), experiment.marker_names
     before = len(problems)
     if said.several:
         hint = "Let columns say pose and marker, or rename the point."
@@ -391,7 +385,7 @@ def match_nearest(
     said, where nothing is near (m), or where two are about as near.
     """
     poses = list(campaign.poses)
-    slots = [(pose, m.name) for pose in poses for m in experiment.markers]
+    slots = [(pose, marker) for pose in poses for marker in experiment.marker_names]
     if not poses:
         hint = "Give a plan, or a joint log with the names of the poses."
         raise InputError(Problem("the nearest pose needs poses", hint=hint, argument=("plan", "plan.csv")))

@@ -39,6 +39,10 @@ class Vocabulary:
     meanings: Mapping[str, tuple[tuple[str, str], ...]]
     longest: int
 
+    def meant(self, word: str, kind: str) -> list[str]:
+        """What a whole word may mean of one kind."""
+        return [value for own, value in self.meanings.get(plain(word), ()) if own == kind]
+
 
 def plain(text: str) -> str:
     """Letters and digits alone, small, without zeros in front of a number: P-07 and p7 are one."""

@@ -70,8 +70,7 @@ class Aligned:
 
 def expected_places(points: Sequence[TrackerPoint], pendant: Array, experiment: Experiment) -> Array:
     """Where a rigid nominal arm puts the marker of each point: (N, 3) m, base frame, at pendant angles (N, n) rad."""
-    places = {m.name: k for k, m in enumerate(experiment.markers)}
-    markers = [places[p.taken.marker] for p in points]
+    markers = [experiment.marker_names.index(p.taken.marker) for p in points]
     return experiment.rigid_places(experiment.robot.controller.to_joints(pendant))[np.arange(len(points)), markers]
 
 
@@ -277,7 +276,7 @@ def _misplaced(
 ) -> Problem:
     """A point that lies elsewhere, and what would suit it: another unit, or another pose or marker."""
     message = f"{label(point.taken)}: the point lies {1e3 * off:.0f} mm from where that marker is"
-    poses, markers = list(campaign.poses), [m.name for m in experiment.markers]
+    poses, markers = list(campaign.poses), experiment.marker_names
     pendant = np.stack([campaign.poses[p] for p in poses])
     every = fit.frame.apply(experiment.rigid_places(experiment.robot.controller.to_joints(pendant)))
     expected = every[poses.index(point.taken.pose), markers.index(point.taken.marker)]

@@ -15,11 +15,13 @@ from typing import Any, cast
 
 from qsframework.applications.importers.layout import Sheet, SheetRow, is_axis_line, is_data, lay_out
 from qsframework.applications.importers.records import records
+from qsframework.applications.options import ImportOptions
 from qsframework.applications.programmes.log import joint_log
 from qsframework.errors import InputError, Problem, missing_extra, nearest
 from qsframework.experiment.columns import LARGEST, MOST_COLUMNS, MOST_LINES, unquoted
-from qsframework.files.documents import nearest_file
+from qsframework.files.documents import read_bytes
 
+NOTHING_STATED = ImportOptions()
 SEPARATORS = {"tab": "\t", ";": ";", "|": "|", ",": ",", "space": " "}
 """What may stand between two cells, by the name that a user gives it; tried in this order."""
 DECIMALS = (".", ",")
@@ -38,47 +40,33 @@ _MOST_CELLS, _LONGEST = 1_000_000, 32_767
 """Cells of a workbook, empty ones too; characters of one, which is what Excel takes."""
 
 
-def read_sheet(
-    path: Path, sheet: str = "", separator: str = "", decimal: str = "", ignore: Sequence[str] = ()
-) -> Sheet:
-    """Read the table of a file; sheet: which one of a workbook; separator, decimal: stated, else told from the text;
-    ignore: names of columns to leave out.
+def read_sheet(path: Path, options: ImportOptions = NOTHING_STATED) -> Sheet:
+    """Read the table of a file; options: which sheet of a workbook, its separator and decimal sign where stated,
+    names of columns to ignore.
 
     InputError where it is no table, or where more than one reading of it is possible.
     """
-    content = _content(path)
+    content = read_bytes(path, LARGEST)
     if content.startswith(_OLD_EXCEL):
         hint = "Save it as .xlsx or as CSV."
         raise InputError(Problem("is a workbook of the old Excel format", str(path), hint=hint))
     if content.startswith(_ZIP):
-        return _workbook(path, sheet, ignore)
+        return _workbook(path, options.sheet, options.ignore)
     if path.suffix.lower() in WORKBOOKS:
         raise InputError(Problem("is no Excel workbook, though its name says so", str(path), hint="Export it again."))
-    if sheet:
-        hint = "Leave the sheet out."
-        raise InputError(Problem("is a text, which has no sheets", str(path), found=repr(sheet), hint=hint))
+    if options.sheet:
+        found, hint = repr(options.sheet), "Leave the sheet out."
+        raise InputError(Problem("is a text, which has no sheets", str(path), found=found, hint=hint))
     text, encoding = _decoded(path, content)
     whole = Sheet(path, decimal=".", encoding=encoding)
     if (logged := joint_log(path, text)) is not None:
         rows = tuple(SheetRow(line, cells) for line, cells in logged[1])
         return replace(whole, header=logged[0], rows=rows, separator="programme")
     if (found := records(path, text)) is not None:
-        return lay_out(replace(whole, separator="json"), found, ignore)
-    found, whole = _text_rows(whole, text, separator)
-    whole = lay_out(whole, found, ignore)
-    return replace(whole, decimal=_decimal(whole, decimal))
-
-
-def _content(path: Path) -> bytes:
-    try:
-        if not path.is_file():
-            raise InputError(Problem("no such file", str(path), hint=nearest_file(path)))
-        if path.stat().st_size > LARGEST:
-            hint = "Split it into several files."
-            raise InputError(Problem(f"is larger than {LARGEST // 1_000_000} MB", str(path), hint=hint))
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(Problem(f"cannot be read: {error.strerror}", str(path))) from error
+        return lay_out(replace(whole, separator="json"), found, options.ignore)
+    found, whole = _text_rows(whole, text, options.separator)
+    whole = lay_out(whole, found, options.ignore)
+    return replace(whole, decimal=_decimal(whole, options.decimal))
 
 
 def _decoded(path: Path, content: bytes) -> tuple[str, str]:

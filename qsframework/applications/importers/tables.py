@@ -16,7 +16,6 @@ import numpy.typing as npt
 from qsframework import units
 from qsframework.applications.importers.layout import NO_SIGHT, Sheet
 from qsframework.applications.importers.sheets import NUMBER
-from qsframework.applications.importers.times import moment
 from qsframework.applications.importers.vocabulary import (
     MEASURED,
     PLAIN,
@@ -24,10 +23,12 @@ from qsframework.applications.importers.vocabulary import (
     Meaning,
     header_parts,
     meaning,
+    moment,
     unit_kind,
     unit_of,
     units_above,
 )
+from qsframework.applications.options import ImportOptions
 from qsframework.errors import InputError, Problem, nearest, refuse
 from qsframework.experiment.columns import XYZ, joint_stems
 from qsframework.files.documents import DECIMAL
@@ -100,18 +101,6 @@ class Listing:
         return replace(self.sheet.problem(i, message, **more), column=self.column(role))
 
 
-@dataclass(frozen=True)
-class Stated:
-    """What the user says of the columns: a column's name or number by role; units by what they measure.
-
-    times: whether times are needed, and a column of them without a unit must not be ignored
-    """
-
-    columns: Mapping[str, str]
-    units: Mapping[str, str]
-    times: bool = False
-
-
 def stated_units(texts: Sequence[str]) -> dict[str, str]:
     """Stated units by what they measure. InputError for what is no unit, or two of one kind."""
     out: dict[str, str] = {}
@@ -126,13 +115,13 @@ def stated_units(texts: Sequence[str]) -> dict[str, str]:
     return out
 
 
-def interpret(sheet: Sheet, stated: Stated, joints: Sequence[str]) -> Listing:
+def interpret(sheet: Sheet, options: ImportOptions, stated: Mapping[str, str], joints: Sequence[str]) -> Listing:
     """What the columns of a sheet are, by their names and by what is stated; joints: the robot's names of its joints.
 
     InputError where it is neither a point list nor a joint log, where a column could be several things or several
     columns one thing, where a cell is no number; with a proposal what to state.
     """
-    roles = _complete(sheet, _roles(sheet, stated, joints), len(joints))
+    roles = _complete(sheet, _roles(sheet, options, joints), len(joints))
     hidden, above = _hidden(sheet, roles), units_above(sheet.above)
     problems: list[Problem] = []
     unit_place, each = _unit_column(sheet, roles, stated, problems)
@@ -144,13 +133,13 @@ def interpret(sheet: Sheet, stated: Stated, joints: Sequence[str]) -> Listing:
         unit, by = _unit(MEASURED.get(role, "rad"), told, above, stated)
         if role == "time":
             dates = texts.get("date", ("",) * len(sheet.rows))
-            read = _times(sheet, k, dates, unit, by, stated, problems)
+            read = _times(sheet, k, dates, unit, by, options, problems)
         else:
             own = each if role in XYZ and not told.unit else []
             read = _measured(sheet, role, k, unit, by, hidden, own, problems)
         if read is not None:
             found[role] = read
-    said = {role: ("", "stated" if role in stated.columns else "header") for role in texts}
+    said = {role: ("", "stated" if role in options.columns else "header") for role in texts}
     said |= {role: (read.unit, read.by) for role, read in found.items()}
     taken = tuple(Taken(role, sheet.column(k), *said[role]) for role, (k, _) in roles.items() if role in said)
     refuse([*problems, *_unit_problems(sheet, taken)])
@@ -170,7 +159,7 @@ def interpret(sheet: Sheet, stated: Stated, joints: Sequence[str]) -> Listing:
 
 
 def _unit_column(
-    sheet: Sheet, roles: Mapping[str, tuple[int, Meaning]], stated: Stated, problems: list[Problem]
+    sheet: Sheet, roles: Mapping[str, tuple[int, Meaning]], stated: Mapping[str, str], problems: list[Problem]
 ) -> tuple[int, list[str]]:
     """The column that says the unit of each row's coordinates, -1 where there is none, and these units."""
     free = [k for k in range(len(sheet.header)) if k not in {c for c, _ in roles.values()}]
@@ -182,13 +171,13 @@ def _unit_column(
     for i in wrong:
         cell = repr(sheet.rows[i].cells[k])
         problems.append(sheet.problem(i, "is no unit of length", k, found=cell, allowed="mm, m, in, ..."))
-    if "m" in stated.units and {unit or "m" for unit in found} != {stated.units["m"]}:
+    if "m" in stated and {unit or "m" for unit in found} != {stated["m"]}:
         message, hint = "this column says the unit of each row", "Leave the stated unit of length out."
-        problems.append(sheet.problem(None, message, k, found=f"and {stated.units['m']} is stated", hint=hint))
+        problems.append(sheet.problem(None, message, k, found=f"and {stated['m']} is stated", hint=hint))
     return k, [] if problems else [unit or "" for unit in found]
 
 
-def _roles(sheet: Sheet, stated: Stated, joints: Sequence[str]) -> dict[str, tuple[int, Meaning]]:
+def _roles(sheet: Sheet, options: ImportOptions, joints: Sequence[str]) -> dict[str, tuple[int, Meaning]]:
     """The column of each role: the stated one, else the only one whose name says it."""
     every: dict[str, list[tuple[int, Meaning]]] = {}
     for k, name in enumerate(sheet.header):
@@ -197,7 +186,7 @@ def _roles(sheet: Sheet, stated: Stated, joints: Sequence[str]) -> dict[str, tup
             every.setdefault(found.role, []).append((k, found))
     every = _counted_from_one(sheet, every, joints)
     out: dict[str, tuple[int, Meaning]] = {}
-    for role, name in stated.columns.items():
+    for role, name in options.columns.items():
         k = _place(sheet, name)
         if k is not None:
             told = meaning(sheet.header[k], joints) if k < len(sheet.header) else None
@@ -206,7 +195,7 @@ def _roles(sheet: Sheet, stated: Stated, joints: Sequence[str]) -> dict[str, tup
     used = {k for k, _ in out.values()}
     for role, places in every.items():
         free = [at for at in places if at[0] not in used]
-        if role in out or not free or (role == "time" and len(free) > 1 and not stated.times):
+        if role in out or not free or (role == "time" and len(free) > 1 and options.join != "time"):
             continue
         if len(free) > 1:
             names = ", ".join(repr(sheet.column(k)) for k, _ in free)
@@ -353,12 +342,12 @@ def _counts(sheet: Sheet, k: int) -> bool:
     return len(cells) == len(counts) > 1 and all(b == a + 1 for a, b in itertools.pairwise(counts))
 
 
-def _unit(si: str, told: Meaning, above: Mapping[str, str], stated: Stated) -> tuple[str, str]:
+def _unit(si: str, told: Meaning, above: Mapping[str, str], stated: Mapping[str, str]) -> tuple[str, str]:
     """The unit of a column and how it is known: by its name, by the user, by the text above, by what wrote it."""
     if told.unit and told.by == "header":
         return told.unit, told.by
-    if si in stated.units:
-        return stated.units[si], "stated"
+    if si in stated:
+        return stated[si], "stated"
     if si in above:
         return above[si], "above"
     return told.unit, told.by
@@ -436,11 +425,11 @@ def _cell_numbers(
 
 
 def _times(
-    sheet: Sheet, k: int, dates: Sequence[str], unit: str, by: str, stated: Stated, problems: list[Problem]
+    sheet: Sheet, k: int, dates: Sequence[str], unit: str, by: str, options: ImportOptions, problems: list[Problem]
 ) -> _Numbers | None:
     """Times (N,) s, and what they are counted from; None for counts of no unit that nobody needs."""
     cells = sheet.cells(k)
-    if not unit and NUMBER.fullmatch(cells[0]) and not stated.times and "time" not in stated.columns:
+    if not unit and NUMBER.fullmatch(cells[0]) and options.join != "time" and "time" not in options.columns:
         return None
     values = np.full(len(cells), math.nan)
     clocks: dict[str, int] = {}

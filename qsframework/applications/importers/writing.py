@@ -7,12 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from qsframework import units
 from qsframework.applications.importers.campaign import Campaign
 from qsframework.applications.importers.layout import Sheet
 from qsframework.applications.importers.matching import TrackerPoint
 from qsframework.applications.importers.sheets import NUMBER
-from qsframework.experiment.columns import WRENCH_NAMES, Column, joint_cells, number, recorded
-from qsframework.experiment.readings_table import STATES
+from qsframework.experiment import Experiment
+from qsframework.experiment.columns import WRENCH_NAMES, joint_cells, number, recorded
+from qsframework.experiment.readings_table import STATES, displacement_columns, state_columns
 from qsframework.plugin import Array
 from qsframework.units import JointUnits
 
@@ -78,14 +80,19 @@ def _measured(points: Sequence[TrackerPoint], role: str, cell: Callable[[float],
     return [cell(own[0] + float(np.mean(np.subtract(own, own[0])))) for own in (of_state[key] for key in keys)]
 
 
-def rewritten_rows(sheet: Sheet, columns: Sequence[Column]) -> list[list[str]]:
-    """The rows of one of our own tables with decimal points; words stay as they are."""
-    stems = {c.stem: c for c in columns}
-    text = [name in stems and stems[name].kind in ("text", "flag") for name in sheet.header]
-    return [
-        [
-            cell.replace(",", ".") if not words and sheet.decimal == "," and NUMBER.fullmatch(cell) else cell
-            for cell, words in zip(row.cells, text, strict=True)
-        ]
+def own_rows(sheet: Sheet, experiment: Experiment) -> tuple[tuple[str, ...], ...] | None:
+    """The rows of one of our own tables with decimal points, words as they are; None of what is none."""
+    columns = state_columns(experiment) if "state" in sheet.header else displacement_columns(experiment)
+    plain, measured = {c.stem: c for c in columns if not c.unit}, [c.stem for c in columns if c.unit]
+    known = all(name in plain or units.split(name, measured) for name in sheet.header)
+    if not known or not {"pose", "marker"} <= set(sheet.header):
+        return None
+    words = [name in plain and plain[name].kind in ("text", "flag") for name in sheet.header]
+    comma = sheet.decimal == ","
+    return tuple(
+        tuple(
+            cell.replace(",", ".") if comma and not word and NUMBER.fullmatch(cell) else cell
+            for cell, word in zip(row.cells, words, strict=True)
+        )
         for row in sheet.rows
-    ]
+    )
