@@ -109,8 +109,14 @@ class ImportOptions(Options):
         Option("In names, such as WITH=loaded or ball1=m1.", name="word", form="FOUND=MEANT"),
     ] = field(default_factory=dict[str, str])
     sheet: Annotated[str, Option("Which sheet of a workbook.")] = ""
-    separator: Annotated[str, Option("Column separator: ',', ';', '|', tab or space (default: detected).")] = ""
-    decimal: Annotated[str, Option("Decimal sign: '.' or ',' (default: detected).")] = ""
+    separator: Annotated[
+        str,
+        Option(
+            "Column separator: ',', ';', '|', tab or space (default: detected).",
+            choices=("", ",", ";", "|", "tab", "space"),
+        ),
+    ] = ""
+    decimal: Annotated[str, Option("Decimal sign: '.' or ',' (default: detected).", choices=("", ".", ","))] = ""
     match: Annotated[
         str,
         Option(
@@ -122,7 +128,9 @@ class ImportOptions(Options):
     join: Annotated[
         str, Option("Match the joint log by names, by order or by time.", choices=("", "names", "order", "time"))
     ] = ""
-    state: Annotated[str, Option("State of points that carry none: unloaded or loaded.")] = ""
+    state: Annotated[
+        str, Option("State of points that carry none: unloaded or loaded.", choices=("", "unloaded", "loaded"))
+    ] = ""
     series: Annotated[str, Option("Name of the tracker's station.")] = ""
     ignore: Annotated[tuple[str, ...], Option("Ignore these points, such as 'B*', or a column.")] = ()
     clock: Annotated[float, Option("Seconds by which the log's clock is ahead of the tracker's.")] = 0.0

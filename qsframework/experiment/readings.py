@@ -22,6 +22,8 @@ from qsframework.plugin.facts import frozen
 from qsframework.viewed import Viewed
 
 KINDS = ("displacement", "position", "gauge")
+_OF_ROWS = ("marker", "value", "sigma", "minus_sigma", "use", "line", "to")
+"""What each row has of its own, whatever the states, frames and files are."""
 UNSTATED = 1e-3
 """m: stands for a sigma that nobody states, and that is estimated."""
 
@@ -169,7 +171,7 @@ class Readings(Viewed):
 
     def of_rows(self, rows: Indices) -> Readings:
         """Some of the rows, over the same states."""
-        each = ("plus", "minus", "marker", "frame", "value", "sigma", "minus_sigma", "use", "line", "file", "to")
+        each = ("plus", "minus", "frame", "file", *_OF_ROWS)
         axes, reads = (None if v is None else v[rows] for v in (self.axes, self.reads))
         return replace(self, **{name: getattr(self, name)[rows] for name in each}, axes=axes, reads=reads)
 
@@ -207,9 +209,6 @@ def joined(parts: list[Readings]) -> Readings:
     first = np.cumsum([0, *(len(p.states) for p in parts)])
     files = np.cumsum([0, *(len(p.sources) for p in parts)])
 
-    def rows(name: str) -> Array:
-        return np.concatenate([getattr(p, name) for p in parts])
-
     def moved(name: str) -> Indices:
         shifted = [np.where(getattr(p, name) < 0, -1, getattr(p, name) + k) for p, k in zip(parts, first, strict=False)]
         return np.concatenate(shifted)
@@ -222,30 +221,25 @@ def joined(parts: list[Readings]) -> Readings:
     if any(p.drive_state is not None for p in parts):
         drives = tuple(d for p in parts for d in (p.drive_state or ("",) * len(p)))
     reads = [np.ones(len(p), dtype=np.intp) if p.reads is None else p.reads for p in parts]
-    return Readings(
+    own = {name: np.concatenate([getattr(p, name) for p in parts]) for name in _OF_ROWS}
+    own |= {name: frozen(own[name]) for name in ("value", "sigma", "minus_sigma")}
+    return replace(
+        parts[0],
         states=_joined_states([p.states for p in parts]),
         plus=moved("plus"),
         minus=moved("minus"),
-        marker=rows("marker").astype(np.intp),
         frame=np.concatenate(place),
         frames=frames,
         known=tuple(known[n] for n in frames),
-        value=frozen(rows("value")),
-        sigma=frozen(rows("sigma")),
-        minus_sigma=frozen(rows("minus_sigma")),
         stated=all(p.stated for p in parts),
-        use=rows("use").astype(bool),
-        line=rows("line").astype(np.intp),
-        to=rows("to").astype(np.intp),
         axes=axes,
         reads=np.concatenate(reads),
         file=np.concatenate([p.file + k for p, k in zip(parts, files, strict=False)]).astype(np.intp),
         sources=tuple(s for p in parts for s in p.sources),
         drive_state=drives,
-        repeatability=parts[0].repeatability,
         alignments=tuple(a for p in parts for a in p.alignments),
-        robot=parts[0].robot,
         made=parts[0].made if all(p.made == parts[0].made for p in parts) else None,
+        **own,
     )
 
 

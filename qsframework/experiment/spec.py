@@ -13,6 +13,17 @@ SHORTEST = 1e-9
 """A direction whose numbers are all smaller is none: its length would be rounded away."""
 
 
+def _three(words: str, zero: bool = True) -> pydantic.AfterValidator:
+    """The check of three numbers, which may all be zero or not."""
+
+    def check(value: list[float]) -> list[float]:
+        if len(value) != 3 or not (zero or max(map(abs, value)) >= SHORTEST):
+            raise ValueError(words)
+        return value
+
+    return pydantic.AfterValidator(check)
+
+
 class LoadSpec(FileModel):
     """Where the force acts: a point in the flange frame, or a hung mass with its centre."""
 
@@ -37,17 +48,9 @@ class LoadSpec(FileModel):
 class MarkerSpec(FileModel):
     """A reflector: xyz in the frame of a link, the flange unless said; `normal` is where its opening looks."""
 
-    xyz: Annotated[list[float], Unit("m")]
+    xyz: Annotated[list[float], Unit("m"), _three("xyz needs three numbers")]
     link: str | None = None
-    normal: list[float] | None = None
-
-    @pydantic.model_validator(mode="after")
-    def _three(self) -> MarkerSpec:
-        if len(self.xyz) != 3:
-            raise ValueError("xyz needs three numbers")
-        if self.normal is not None and (len(self.normal) != 3 or max(map(abs, self.normal)) < SHORTEST):
-            raise ValueError("normal needs three numbers, not all zero")
-        return self
+    normal: Annotated[list[float], _three("normal needs three numbers, not all zero", zero=False)] | None = None
 
 
 class NoiseSpec(FileModel):
@@ -100,17 +103,10 @@ class FrameSpec(FileModel):
 class StationSpec(FileModel):
     """Where the tracker stands, about, base frame; cost: of setting it up there, in plain poses."""
 
-    xyz: Annotated[list[float], Unit("m")]
+    xyz: Annotated[list[float], Unit("m"), _three("xyz needs three numbers, base frame")]
     cost: float = pydantic.Field(default=0.0, ge=0.0)
     clearance: Annotated[float, Unit("m")] = pydantic.Field(default=0.005, ge=0.0)
     incidence_max: Annotated[float | None, Unit("rad")] = pydantic.Field(default=None, gt=0)
-
-    @pydantic.field_validator("xyz")
-    @classmethod
-    def _three(cls, value: list[float]) -> list[float]:
-        if len(value) != 3:
-            raise ValueError("xyz needs three numbers, base frame")
-        return value
 
 
 class PositionsSpec(FileModel):
@@ -125,14 +121,7 @@ class GaugeSpec(FileModel):
     """A dial gauge that reads one marker along one direction, base axes."""
 
     marker: str
-    along: list[float]
-
-    @pydantic.field_validator("along")
-    @classmethod
-    def _direction(cls, value: list[float]) -> list[float]:
-        if len(value) != 3 or max(map(abs, value)) < SHORTEST:
-            raise ValueError("along needs three numbers, not all zero")
-        return value
+    along: Annotated[list[float], _three("along needs three numbers, not all zero", zero=False)]
 
 
 class LoadUncertaintySpec(FileModel):
@@ -179,17 +168,10 @@ class LoadCaseSpec(FileModel):
 class SightSpec(FileModel):
     """From where the tracker looks; all markers must be seen unless a list names some."""
 
-    station: Annotated[list[float], Unit("m")]
+    station: Annotated[list[float], Unit("m"), _three("station needs three numbers, base frame")]
     markers: list[str] | None = None
     clearance: Annotated[float, Unit("m")] = 0.005
     incidence_max: Annotated[float | None, Unit("rad")] = pydantic.Field(default=None, gt=0)
-
-    @pydantic.field_validator("station")
-    @classmethod
-    def _three(cls, value: list[float]) -> list[float]:
-        if len(value) != 3:
-            raise ValueError("station needs three numbers, base frame")
-        return value
 
     @pydantic.field_validator("clearance")
     @classmethod

@@ -175,18 +175,8 @@ class _Import:
 
     def run(self) -> Imported:
         options, experiment = self.options, self.experiment
-        campaign = EMPTY if self.plan is None else read_campaign(self.plan, experiment)
-        lists = [without_idle_names(li, campaign, experiment, self.options) for li in self.lists]
-        self._check_travels()
-        how = self._join(campaign)
-        logged: list[str] = []
-        if self.log is not None and how == "names":
-            logged = names_of(self.log, campaign, options.names)
-            if not campaign.poses:
-                campaign = campaign.with_poses(poses_of(self.log, logged, self.joints))
-        if not campaign.poses:
-            campaign, lists = self._found_poses(lists, how)
-        points, ignored = read_points(lists, campaign, experiment, self.options)
+        campaign, lists, how, logged = self._with_poses()
+        points, ignored = read_points(lists, campaign, experiment, options)
         points, known = self._parted(points)
         blind = tuple(p for p in points if p.hidden)
         if options.match == "names":
@@ -221,6 +211,21 @@ class _Import:
             placed=placed,
             aligned=aligned,
         )
+
+    def _with_poses(self) -> tuple[Campaign, list[Listing], str, list[str]]:
+        """The campaign with its poses, the lists, where the angles are from, and the poses that a log names."""
+        campaign = EMPTY if self.plan is None else read_campaign(self.plan, self.experiment)
+        lists = [without_idle_names(li, campaign, self.experiment, self.options) for li in self.lists]
+        self._check_travels()
+        how = self._join(campaign)
+        logged: list[str] = []
+        if self.log is not None and how == "names":
+            logged = names_of(self.log, campaign, self.options.names)
+            if not campaign.poses:
+                campaign = campaign.with_poses(poses_of(self.log, logged, self.joints))
+        if not campaign.poses:
+            campaign, lists = self._found_poses(lists, how)
+        return campaign, lists, how, logged
 
     def _join(self, campaign: Campaign) -> str:
         """Where the angles are from."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import KW_ONLY, dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, field, replace
 from fnmatch import fnmatchcase
 from typing import Any
 
@@ -44,7 +44,7 @@ class TrackerPoint:
     _: KW_ONLY
     series: str = ""
     slot: PlanSlot | None = None
-    by: tuple[tuple[str, str], ...] = ()
+    by: Mapping[str, str] = field(default_factory=dict[str, str])
 
     def problem(self, message: str, role: str = "name", **more: Any) -> Problem:
         """A problem of this point."""
@@ -124,9 +124,6 @@ def _check_words(options: ImportOptions, known: Vocabulary, allowed: Sequence[st
         if plain(meant) not in known.meanings:
             message, hint = f"the word {word!r} cannot mean this", nearest(meant, allowed)
             wrong.append(Problem(message, found=repr(meant), allowed=_few(allowed), hint=hint))
-    if options.state not in ("", "loaded", "unloaded"):
-        hint = nearest(options.state, ("loaded", "unloaded"))
-        wrong.append(Problem("no such state", found=repr(options.state), allowed="unloaded, loaded", hint=hint))
     refuse(wrong)
 
 
@@ -154,7 +151,7 @@ def _point(
         said = replace(said, loaded=options.state == "loaded")
         by["loaded"] = "stated"
     series = listing.texts["series"][i] if "series" in listing.texts else options.series
-    return TrackerPoint(listing, i, name, said, series=series, by=tuple(by.items()))
+    return TrackerPoint(listing, i, name, said, series=series, by=by)
 
 
 def _of_column(said: Said, role: str, cell: str, known: Vocabulary) -> tuple[Said, str]:
@@ -251,7 +248,7 @@ def _name_in(problem: Problem) -> str:
 def _named(
     point: TrackerPoint, campaign: Campaign, experiment: Experiment, problems: list[Problem]
 ) -> TrackerPoint | None:
-    said, by, markers = point.said, dict(point.by), experiment.marker_names
+    said, by, markers = point.said, {**point.by}, experiment.marker_names
     before = len(problems)
     if said.several:
         hint = "Let columns say pose and marker, or rename the point."
@@ -284,7 +281,7 @@ def _named(
     if campaign.exact and len(problems) == before and slot not in campaign.slots:
         hint = "Name repeats r2, r3 and cycles c2, c3, as the table to fill in counts them."
         problems.append(point.problem(f"the table to fill in has no {label(slot)}", hint=hint))
-    return None if len(problems) > before else replace(point, slot=slot, by=tuple(by.items()))
+    return None if len(problems) > before else replace(point, slot=slot, by=by)
 
 
 def _no_pose(point: TrackerPoint, campaign: Campaign) -> Problem:
@@ -364,7 +361,7 @@ def match_order(points: Sequence[TrackerPoint], campaign: Campaign, experiment: 
             message = f"by the order this is {label(slot)}, but it is named {point.name!r}"
             hint = "Put the points in the order of the plan, or match them by their names."
             problems.append(point.problem(message, hint=hint, argument=("match", "names")))
-        out.append(replace(point, slot=slot, by=(("pose", "order"), ("marker", "order"), ("loaded", "order"))))
+        out.append(replace(point, slot=slot, by=dict.fromkeys(("pose", "marker", "loaded"), "order")))
     refuse(problems)
     return out
 
@@ -412,8 +409,8 @@ def match_nearest(
             hint = "Let the names say which is which."
             problems.append(point.problem(f"{point.name!r} lies as near to two markers", "x", found=found, hint=hint))
             continue
-        by = {**dict(point.by), "pose": "place", "marker": "place"}
-        placed = replace(point, said=replace(said, pose=pose, marker=marker), by=tuple(by.items()))
+        by = {**point.by, "pose": "place", "marker": "place"}
+        placed = replace(point, said=replace(said, pose=pose, marker=marker), by=by)
         taken = _named(placed, campaign, experiment, problems)
         out += [] if taken is None else [taken]
     refuse(problems)

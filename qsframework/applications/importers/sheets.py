@@ -66,7 +66,7 @@ def read_sheet(path: Path, options: ImportOptions = NOTHING_STATED) -> Sheet:
         return lay_out(replace(whole, separator="json"), found, options.ignore)
     found, whole = _text_rows(whole, text, options.separator)
     whole = lay_out(whole, found, options.ignore)
-    return replace(whole, decimal=_decimal(whole, options.decimal))
+    return replace(whole, decimal=options.decimal or _decimal(whole))
 
 
 def _decoded(path: Path, content: bytes) -> tuple[str, str]:
@@ -96,7 +96,7 @@ def _text_rows(sheet: Sheet, text: str, separator: str) -> tuple[list[SheetRow],
     lines = [(i, line) for i, line in lines if not _COMMENT.match(line)]
     if not lines:
         raise InputError(Problem("is empty", sheet.where))
-    name = _separator(sheet.path, lines, separator)
+    name = separator or _separator(lines)
     rows = [SheetRow(i, _split(line, name)) for i, line in lines]
     first = [line for i, line in comments if i < rows[0].line]
     heading = _split(first[-1].lstrip("#/!% "), name) if first else ()
@@ -116,14 +116,8 @@ def _split(line: str, name: str) -> tuple[str, ...]:
     return tuple(unquoted(cell.strip()) for cell in cells)
 
 
-def _separator(path: Path, lines: Sequence[tuple[int, str]], stated: str) -> str:
+def _separator(lines: Sequence[tuple[int, str]]) -> str:
     """The separator by which most lines become rows of numbers."""
-    if stated:
-        if stated not in SEPARATORS:
-            hint = nearest(stated, SEPARATORS)
-            allowed = ", ".join(SEPARATORS)
-            raise InputError(Problem(f"{path.name}: no such separator", found=repr(stated), allowed=allowed, hint=hint))
-        return stated
     scores = {
         name: sum(is_data(cells) or is_axis_line(cells) for _, line in lines[:_TRIED] if (cells := _split(line, name)))
         for name in SEPARATORS
@@ -131,13 +125,8 @@ def _separator(path: Path, lines: Sequence[tuple[int, str]], stated: str) -> str
     return max(scores, key=lambda name: scores[name])
 
 
-def _decimal(sheet: Sheet, stated: str) -> str:
+def _decimal(sheet: Sheet) -> str:
     """The decimal sign; InputError where a file has both, as it would read 1,234 in two ways."""
-    if stated:
-        if stated not in DECIMALS:
-            allowed = " ".join(DECIMALS)
-            raise InputError(Problem(f"{sheet.path.name}: no such decimal sign", found=repr(stated), allowed=allowed))
-        return stated
     by_sign: dict[str, tuple[int, int]] = {}
     for i, row in enumerate(sheet.rows):
         for k, cell in enumerate(row.cells):
@@ -168,7 +157,7 @@ def _workbook(path: Path, sheet: str, ignore: Sequence[str]) -> Sheet:
     width = max(len(r.cells) for r in filled[name])
     rows = [SheetRow(r.line, (*r.cells, *("",) * (width - len(r.cells)) * (len(r.cells) > 1))) for r in filled[name]]
     whole = lay_out(Sheet(path, name), rows, ignore)
-    return replace(whole, decimal=_decimal(whole, ""))
+    return replace(whole, decimal=_decimal(whole))
 
 
 def _sheets(path: Path) -> dict[str, list[SheetRow]]:

@@ -71,7 +71,7 @@ def point_table(found: Imported) -> ReportTable:
 
 def _how(point: TrackerPoint) -> str:
     """How pose, marker and state are known, each way once."""
-    origins = dict(point.by)
+    origins = {**point.by}
     if origins.get("pose") == "column" and point.listing.column("pose") is None:
         origins["pose"] = "name" if point.name else "row"
     parts = [
