@@ -91,9 +91,9 @@ class Browser:
         return base64.b64decode(self._ask("Page.printToPDF", printBackground=True, preferCSSPageSize=True)["data"])
 
     def picture(self, box: list[float]) -> bytes:
-        """A PNG of a part of the page: left, top, width, height in pixels of the whole page."""
+        """A PNG of a part of the page that is in view: left, top, width, height in pixels of the whole page."""
         part = {**dict(zip(("x", "y", "width", "height"), box, strict=True)), "scale": 1}
-        return base64.b64decode(self._ask("Page.captureScreenshot", captureBeyondViewport=True, clip=part)["data"])
+        return base64.b64decode(self._ask("Page.captureScreenshot", optimizeForSpeed=True, clip=part)["data"])
 
     def media(self, kind: str = "", scheme: str = "light") -> None:
         """Show the page as on paper (print), or in a light or dark scheme."""

@@ -302,6 +302,7 @@ def test_what_is_typed_decides_as_the_page_does(folder: Path) -> None:
         day, _ = enter(day, dict(zip(cell.MARKERS, xyz, strict=True)))
     assert len(day.record.doubtful) == 3
     (folder / "exports").mkdir()
+    (folder / "exports" / "letter.txt").write_text("Dear operator\n")  # in an empty folder a file is waited for
     command = [sys.executable, "-m", "qsframework", "day", "experiment.yaml", "plan.csv", "-o", "day", *OPTIONS]
     done = subprocess.run(
         [*command, "--watch", "exports", "--once"],

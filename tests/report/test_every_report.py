@@ -264,7 +264,7 @@ def test_a_row_a_point_and_the_slider_show_one_pose(reports: Reports, chromium: 
 def test_every_trace_is_seen(reports: Reports, chromium: Browser, name: str) -> None:
     """With all other traces hidden, each colours pixels of its plot that differ clearly from the ground; all that is
     written can be read, also in what was folded, and every drawing has a name."""
-    chromium.size(1400, 900)
+    chromium.size(1400, 1500)  # as high as the highest plot, so that none is laid out anew for its picture
     chromium.go(without_scenes(reports, name), _DRAWN)
     chromium.run(_OPENED)
     try:
@@ -278,6 +278,8 @@ def test_every_trace_is_seen(reports: Reports, chromium: Browser, name: str) -> 
             told = chromium.run(f"({{pale: {_PALE}, small: {_SMALL}, unnamed: {_UNNAMED}, plots: {_PLOTS}}})")
             assert (told["pale"], told["small"], told["unnamed"]) == ([], [], []), scheme
             for number, (box, traces) in enumerate(told["plots"]):
+                assert box[3] < 1500, "higher than the window"
+                chromium.run(f"document.querySelectorAll('.js-plotly-plot')[{number}].scrollIntoView()")
                 empty = pixels_of(chromium, number, -1, box)
                 for k in range(traces):
                     apart = np.abs(pixels_of(chromium, number, k, box) - empty).sum(axis=2)
@@ -311,7 +313,7 @@ def pixels_of(chromium: Browser, plot: int, trace: int, box: list[float]) -> np.
     chromium.run(f"""[...document.querySelectorAll(".js-plotly-plot")[{plot}].querySelectorAll("{_TRACES}")]
       .filter(t => t.querySelector("path, image, text"))
       .forEach((t, k) => {{ t.style.visibility = k === {trace} ? "visible" : "hidden"; }})""")
-    return np.asarray(Image.open(io.BytesIO(chromium.picture(box))).convert("RGB")).astype(int)
+    return np.asarray(Image.open(io.BytesIO(chromium.picture(box))).convert("RGB")).astype(np.int16)
 
 
 @browser
