@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import importlib
 import os
 import sys
 from collections.abc import Iterator
@@ -103,6 +104,40 @@ def _expand_once() -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(loader, "read_urdf", read)
+        yield
+
+
+@pytest.fixture(scope="session")
+def _answers(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where both workers lay what they diagnosed."""
+    base = tmp_path_factory.getbasetemp()
+    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "answers"
+    folder.mkdir(exist_ok=True)
+    return folder
+
+
+ASKERS = (
+    "qsframework",
+    "qsframework.applications.certificate",
+    "qsframework.applications.conformance",
+    "qsframework.applications.day.so_far",
+    "qsframework.cli.diagnose",
+    "qsframework.diagnose",
+)
+"""Modules that know `diagnose` by its name."""
+
+
+@pytest.fixture(scope="module")
+def diagnosed_once(request: pytest.FixtureRequest, _answers: Path) -> Iterator[None]:
+    """For a file whose tests look at what is done with diagnoses: each is made once, for all such files."""
+    from remembered import remembered
+
+    once, askers = remembered(_answers), [importlib.import_module(name) for name in ASKERS]
+    with pytest.MonkeyPatch.context() as patched:
+        for module in askers:
+            patched.setattr(module, "diagnose", once)
+        asker: Any = request.node.module
+        patched.setattr(asker, "diagnose", once, raising=False)
         yield
 
 

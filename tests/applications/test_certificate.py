@@ -22,6 +22,8 @@ from qsframework.report.certificate_page import arrivals, pair, write_certificat
 from qsframework.report.words.certificate import conformity_words
 from tests.identify.records import with_values
 
+pytestmark = pytest.mark.usefixtures("diagnosed_once")
+
 LINEAR = FitOptions(linear=True)
 
 
@@ -201,22 +203,21 @@ def test_u_has_two_digits_and_the_value_as_many_decimals() -> None:
 
 
 def test_the_command_writes_a_template_and_says_what_is_missing(tmp_path: Path) -> None:
-    run, ur10 = CliRunner(), str(example("ur10") / "experiment.yaml")
+    run, given = CliRunner(), str(example("hidden_effect") / "experiment.yaml")
     meta, fit, page = (str(tmp_path / name) for name in ("meta.yaml", "fit.json", "c.html"))
     assert run.invoke(app, ["certificate", "--template", meta], catch_exceptions=False).exit_code == 0
     assert read_meta(Path(meta)) == MetaSpec()
-    assert run.invoke(app, ["identify", ur10, "--json", fit], catch_exceptions=False).exit_code == 0
-    told = run.invoke(app, ["certificate", ur10, fit, "-o", page, "--meta", meta, "--halves", "2"])
+    assert run.invoke(app, ["identify", given, "--json", fit], catch_exceptions=False).exit_code == 0
+    command = ["certificate", given, fit, "-o", page, "--meta", meta, "--halves", "2"]
+    told = run.invoke(app, command)
     assert isinstance(told.exception, InputError)
     assert told.exception.problems[0].argument == ("anyway", "")
-    told = run.invoke(
-        app, ["certificate", ur10, fit, "-o", page, "--meta", meta, "--halves", "2", "--anyway"], catch_exceptions=False
-    )
+    told = run.invoke(app, [*command, "--anyway"], catch_exceptions=False)
     assert told.exit_code == 0, told.output
-    assert "certified although the readings name what the fit does not have, encoder_eccentricity" in told.output
+    assert "certified although the readings name what the fit does not have, joint_hardening[joint_3]" in told.output
     assert "printed as not stated" in told.output
     assert "No tolerance is stated" in told.output
-    again = run.invoke(app, ["certificate", ur10])
+    again = run.invoke(app, ["certificate", given])
     assert isinstance(again.exception, InputError)
 
 

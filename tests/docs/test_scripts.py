@@ -16,6 +16,8 @@ import pytest
 
 import qsframework as qsf
 
+pytestmark = pytest.mark.usefixtures("diagnosed_once")
+
 Run = Callable[[str], str]
 
 

@@ -13,6 +13,8 @@ from typer.testing import CliRunner
 
 from qsframework.cli.main import app
 
+pytestmark = pytest.mark.usefixtures("diagnosed_once")
+
 
 def blocks(root: Path, language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```", (root / "docs" / "tutorial.md").read_text(), re.M | re.S)

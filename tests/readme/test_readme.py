@@ -21,6 +21,8 @@ from qsframework.cli.demo import real_readings
 from qsframework.cli.main import app
 from qsframework.experiment import load_experiment
 
+pytestmark = pytest.mark.usefixtures("diagnosed_once")
+
 EXAMPLES = sorted(p.parent.name for p in Path(__file__).parents[2].glob("examples/*/README.md"))
 
 
