@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import remembered
 import typer.main
 import typer.testing
 from hypothesis import settings
@@ -107,13 +108,11 @@ def _expand_once() -> Iterator[None]:
         yield
 
 
-@pytest.fixture(scope="session")
-def _answers(tmp_path_factory: pytest.TempPathFactory) -> Path:
+@pytest.fixture(scope="session", autouse=True)
+def _answers(tmp_path_factory: pytest.TempPathFactory) -> None:
     """Where both workers lay what they diagnosed."""
     base = tmp_path_factory.getbasetemp()
-    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "answers"
-    folder.mkdir(exist_ok=True)
-    return folder
+    remembered.keep_in((base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "answers")
 
 
 ASKERS = (
@@ -128,16 +127,12 @@ ASKERS = (
 
 
 @pytest.fixture(scope="module")
-def diagnosed_once(request: pytest.FixtureRequest, _answers: Path) -> Iterator[None]:
-    """For a file whose tests look at what is done with diagnoses: each is made once, for all such files."""
-    from remembered import remembered
-
-    once, askers = remembered(_answers), [importlib.import_module(name) for name in ASKERS]
+def diagnosed_once() -> Iterator[None]:
+    """For a file whose tests look at what commands do with diagnoses: each is made once, for all such files."""
+    askers = [importlib.import_module(name) for name in ASKERS]
     with pytest.MonkeyPatch.context() as patched:
         for module in askers:
-            patched.setattr(module, "diagnose", once)
-        asker: Any = request.node.module
-        patched.setattr(asker, "diagnose", once, raising=False)
+            patched.setattr(module, "diagnose", remembered.diagnose)
         yield
 
 

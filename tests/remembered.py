@@ -8,12 +8,11 @@ import inspect
 import io
 import os
 import pickle
-from collections.abc import Callable
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
-from qsframework.diagnose import Diagnosis, diagnose
+from qsframework.diagnose import Diagnosis, diagnose as qsf_diagnose
 from qsframework.experiment import Experiment, Readings
 from qsframework.work.carry import _Packer  # pyright: ignore[reportPrivateUsage]
 
@@ -65,23 +64,30 @@ def asked(own: list[Path], *values: object) -> bytes:
     return hashlib.sha256(_written(values, own, _Asker)).digest()
 
 
-def remembered(folder: Path) -> Callable[..., Diagnosis]:
-    """`diagnose`, whose answers lie in a folder, also those of the other worker. Nothing is told of its progress."""
+_FOLDERS: list[Path] = []
+"""Where the answers of this run of the tests lie, once it is known."""
 
-    @functools.wraps(diagnose)
-    def once(experiment: Experiment, readings: Readings, **options: Any) -> Diagnosis:
-        given = inspect.signature(diagnose).bind(experiment, readings, **options)
-        given.apply_defaults()
-        options = {**given.kwargs, "progress": None}
-        own = [experiment.path, *readings.sources]
-        file = folder / asked(own, experiment, readings, sorted(options.items())).hex()
-        if file.is_file():
-            with file.open("rb") as stream:
-                return _Reader(stream, own).load()
-        found = diagnose(experiment, readings, **options)
-        part = file.with_suffix(f".{os.getpid()}")
-        part.write_bytes(_written(found, own))
-        part.rename(file)
-        return found
 
-    return once
+def keep_in(folder: Path) -> None:
+    """Lay answers into a folder, also for the other worker."""
+    folder.mkdir(exist_ok=True)
+    _FOLDERS[:] = [folder]
+
+
+@functools.wraps(qsf_diagnose)
+def diagnose(experiment: Experiment, readings: Readings, **options: Any) -> Diagnosis:
+    """As the library's, from what was diagnosed before. Nothing is told of its progress."""
+    given = inspect.signature(qsf_diagnose).bind(experiment, readings, **options)
+    given.apply_defaults()
+    options = {**given.kwargs, "progress": None}
+    own = [experiment.path, *readings.sources]
+    (folder,) = _FOLDERS
+    file = folder / asked(own, experiment, readings, sorted(options.items())).hex()
+    if file.is_file():
+        with file.open("rb") as stream:
+            return _Reader(stream, own).load()
+    found = qsf_diagnose(experiment, readings, **options)
+    part = file.with_suffix(f".{os.getpid()}")
+    part.write_bytes(_written(found, own))
+    part.rename(file)
+    return found

@@ -8,11 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from remembered import diagnose
 from typer.testing import CliRunner
 
 from qsframework.applications.certificate import MetaSpec, certify, read_meta
 from qsframework.cli.main import app
-from qsframework.diagnose import Diagnosis, diagnose
+from qsframework.diagnose import Diagnosis
 from qsframework.errors import InputError
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Readings, example, load_experiment, make_plan, read_readings, simulate

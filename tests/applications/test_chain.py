@@ -10,11 +10,11 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from remembered import diagnose
 from typer.testing import CliRunner
 
 from qsframework.cli.day import certificate_of
 from qsframework.cli.main import app
-from qsframework.diagnose import diagnose
 from qsframework.errors import InputError
 from qsframework.experiment import load_experiment, read_readings
 

@@ -8,9 +8,10 @@ from functools import cache
 
 import numpy as np
 import pytest
+from remembered import diagnose
 
 from qsframework.design.candidates import generate_candidates
-from qsframework.diagnose import Diagnosis, diagnose
+from qsframework.diagnose import Diagnosis
 from qsframework.elastostatics import Model, make_model
 from qsframework.elastostatics.so3 import exponential
 from qsframework.errors import NotConverged

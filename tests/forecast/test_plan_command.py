@@ -1,7 +1,9 @@
 """`qsf diagnose` of a plan, and the plan of a second day at the end of one: what they print and write."""
 
 import json
+from contextlib import redirect_stdout
 from dataclasses import replace
+from io import StringIO
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from qsframework.cli.diagnose_plan import run_foresight
 from qsframework.design import design
 from qsframework.errors import InputError
 from qsframework.experiment import example, load_experiment, read_plan, write_plan
+from qsframework.forecast import power
 from qsframework.forecast.power import forecast
 from qsframework.report.power_section import angle_figure, pair_table, power_figure, power_section, size_table
 from tests.diagnose.cases import hardened
@@ -31,22 +34,31 @@ def plan_file(experiment, tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def foresight(experiment, plan_file):
-    return forecast(experiment, read_plan(plan_file, experiment))
+def judged(plan_file, tmp_path_factory):
+    """The command's folder, what it said, and the forecast that it made."""
+    made, folder = [], tmp_path_factory.mktemp("judged")
+    with pytest.MonkeyPatch.context() as patched, redirect_stdout(StringIO()) as said:
+        patched.setattr(power, "forecast", lambda *given, **more: made.append(forecast(*given, **more)) or made[0])
+        run_foresight(FILE, plan_file, folder / "f.json", folder / "f.html")
+    return folder, said.getvalue(), made[0]
 
 
-def test_the_plan_is_judged_before_it_is_measured(plan_file, tmp_path, capsys):
-    run_foresight(FILE, plan_file, tmp_path / "f.json", tmp_path / "f.html")
-    said = capsys.readouterr().out
+@pytest.fixture(scope="module")
+def foresight(judged):
+    return judged[2]
+
+
+def test_the_plan_is_judged_before_it_is_measured(judged):
+    folder, said, _ = judged
     assert "smallest size detected" in said
     assert "confounded with the fitted parameters" in said
     assert "thermal_expansion needs the column temperature" in said
-    content = json.loads((tmp_path / "f.json").read_text())
+    content = json.loads((folder / "f.json").read_text())
     by_name = {c["id"]: c for c in content["causes"]}
     assert by_name["joint_hardening[joint_3]"]["sizes"][0]["detect"] > 0.0
     assert "that no library holds, the right place would be ranked first in" in " ".join(said.split())
     assert {"drive", "world"} <= {content["unknown"]["places"][0]["place"].split()[1], *_links(content)}
-    page = (tmp_path / "f.html").read_text()
+    page = (folder / "f.html").read_text()
     assert "What this plan would show" in page
     assert "Angles between causes" in page
     assert "Chance of detection" in page

@@ -226,7 +226,7 @@ def test_derivatives(robot: str, tmp_path: Path) -> None:
         {"effect": "joint_placement", "joints": ["joint_2", "joint_6"]},
     ]
     model = campaign(tmp_path, robot, own).model()
-    poses, rng = some_poses(campaign(tmp_path, robot), 4), np.random.default_rng(1)
+    poses, rng = some_poses(campaign(tmp_path, robot), 2), np.random.default_rng(1)
     x = model.nominal + 0.3 * np.array([p.typical for p in model.parameters]) * rng.uniform(0.5, 1.0, len(model.names))
     for ask, slope in (
         (model.predict, model.sensitivity(poses, x)),

@@ -313,29 +313,6 @@ def test_a_scheduler_lost_at_work_is_one_sentence(lone: Cluster, tmp_path: Path,
     assert not list(tmp_path.glob("p.*"))
 
 
-def test_a_scheduler_lost_in_the_handshake_is_one_sentence(lone: Cluster, monkeypatch: pytest.MonkeyPatch) -> None:
-    from distributed import Client
-    from distributed.comm import CommClosedError
-
-    with watching(lone):
-        pass
-    given = Client.sync
-
-    def lost(client: Client, what: object, *args: object, **more: object) -> object:
-        if "callback_timeout" in more:
-            raise CommClosedError("in <TCP>: Stream is closed")
-        return given(client, what, *args, **more)
-
-    monkeypatch.setattr(Client, "sync", lost)
-    with pytest.raises(WorkerLost, match="is gone, or does not answer"):
-        workers.Cluster(lone.address)
-    monkeypatch.undo()
-    lone.scheduler.send_signal(signal.SIGSTOP)
-    monkeypatch.setattr(workers, "ANSWER", 1.0)
-    with pytest.raises(InputError, match="no Dask scheduler answers"):
-        workers.Cluster(lone.address)
-
-
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [
@@ -359,13 +336,21 @@ def test_a_worker_with_another_qsframework_is_refused(
         list(run(spectrum, shared(20), tasks(2), Work(dask=cluster.address)))
 
 
-@pytest.mark.parametrize("where", ["--jobs", "--dask"])
-def test_ctrl_c_ends_a_command_on_other_processes(tmp_path: Path, where: str, request: pytest.FixtureRequest) -> None:
-    number, before, busy = "2", 0.0, list[int]()
-    if where == "--dask":
-        lone: Cluster = request.getfixturevalue("lone")
-        with watching(lone):
-            number, before, busy = lone.address, seconds(lone.workers[0].pid), [lone.workers[0].pid]
+def test_ctrl_c_ends_a_command_on_other_processes(tmp_path: Path) -> None:
+    stop_at_work(tmp_path, "--jobs", "2", 0.0, [])
+
+
+def test_ctrl_c_ends_a_command_on_a_cluster_and_a_scheduler_lost_in_the_handshake_is_one_sentence(
+    lone: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with watching(lone):
+        before, busy = seconds(lone.workers[0].pid), [lone.workers[0].pid]
+    stop_at_work(tmp_path, "--dask", lone.address, before, busy)
+    lost_in_the_handshake(lone, monkeypatch)
+
+
+def stop_at_work(tmp_path: Path, where: str, number: str, before: float, busy: list[int]) -> None:
+    """Ctrl-C for a command once processes, its own or busy ones, have worked for it."""
     command = [sys.executable, "-m", "qsframework", *DESIGN, str(tmp_path / "p.csv"), where, number]
     with subprocess.Popen(command, stderr=-1, text=True) as process:
         wait_for_work(lambda: busy or children(process.pid), before, 5.0 if where == "--jobs" else 2.0)
@@ -377,6 +362,28 @@ def test_ctrl_c_ends_a_command_on_other_processes(tmp_path: Path, where: str, re
     assert not (tmp_path / "p.csv").exists()
     assert bool(own) == (where == "--jobs")
     wait_for_the_end(own)
+
+
+def lost_in_the_handshake(lone: Cluster, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is said of a scheduler that goes, or answers nobody, before anything is computed."""
+    from distributed import Client
+    from distributed.comm import CommClosedError
+
+    given = Client.sync
+
+    def lost(client: Client, what: object, *args: object, **more: object) -> object:
+        if "callback_timeout" in more:
+            raise CommClosedError("in <TCP>: Stream is closed")
+        return given(client, what, *args, **more)
+
+    monkeypatch.setattr(Client, "sync", lost)
+    with pytest.raises(WorkerLost, match="is gone, or does not answer"):
+        workers.Cluster(lone.address)
+    monkeypatch.undo()
+    lone.scheduler.send_signal(signal.SIGSTOP)
+    monkeypatch.setattr(workers, "ANSWER", 1.0)
+    with pytest.raises(InputError, match="no Dask scheduler answers"):
+        workers.Cluster(lone.address)
 
 
 def wait_for_the_end(processes: Iterable[int], limit: float = 20.0) -> None:
