@@ -10,14 +10,16 @@ import numpy as np
 import pytest
 from stated_uncertainty import KINDS, Kind, drawn, fresh, measured
 
-from qsframework.applications import compensate, joint_targets
+from qsframework.applications import certificate, compensate, joint_targets
 from qsframework.experiment import load_experiment, read_readings
 from qsframework.identify import identify, read_fit, write_fit
 
 
 @pytest.mark.parametrize("kind", KINDS[::2], ids=[k.name for k in KINDS[::2]])
-def test_the_stated_uncertainty_covers_what_it_speaks_of(kind: Kind) -> None:
-    """Four campaigns and 30 targets of each: U is neither too small nor many times too large."""
+def test_the_stated_uncertainty_covers_what_it_speaks_of(kind: Kind, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Four campaigns and 30 targets of each: U is neither too small nor many times too large. Whether the readings name
+    a cause, which no U depends on, is not looked at (proof/test_independent.py: nothing is named of such an arm)."""
+    monkeypatch.setattr(certificate, "_looked", lambda *_: "not looked at")
     for errors, stated in measured(kind, range(4)):
         assert np.mean(errors <= stated) > 0.88
         assert np.mean(errors <= 0.5 * stated) < 0.95, "half of it would do"

@@ -7,11 +7,13 @@ import re
 import shlex
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 from typer.testing import CliRunner
 
 from qsframework.cli.main import app
+from qsframework.experiment import load_experiment, read_readings
 
 pytestmark = pytest.mark.usefixtures("diagnosed_once")
 
@@ -48,6 +50,9 @@ def test_every_command_runs(root: Path, tmp_path: Path, monkeypatch: pytest.Monk
     for command in commands:
         program, *arguments = shlex.split(command)
         assert program == "qsf"
+        if arguments[0] == "diagnose" and "ur10.csv" in arguments:
+            the_same(tmp_path / "ur10.csv", root / "examples" / "ur10" / "experiment.yaml")
+            arguments.remove("ur10.csv")
         run = CliRunner().invoke(app, arguments, env={"COLUMNS": "1000"})
         assert run.exit_code == 0, f"{command}: {run.output}"
         assert run.stdout.strip(), command
@@ -56,6 +61,15 @@ def test_every_command_runs(root: Path, tmp_path: Path, monkeypatch: pytest.Monk
         assert said in printed
     assert len(json.loads((tmp_path / "fit.json").read_text())["parameters"]) == 6
     assert (tmp_path / "corrected.csv").read_text().count("hole_") == 2
+
+
+def the_same(imported: Path, path: Path) -> None:
+    """What was imported are the example's own readings, which the README diagnoses; angles are rounded."""
+    experiment = load_experiment(path)
+    one, two = (read_readings(files, experiment) for files in (experiment.data, imported))
+    np.testing.assert_array_equal(one.value, two.value)
+    np.testing.assert_allclose(one.poses.pendant, two.poses.pendant, rtol=0, atol=1e-8)
+    assert (one.pose, one.states.series) == (two.pose, two.states.series)
 
 
 def test_the_experiment_shown_is_the_example(root: Path) -> None:
