@@ -22,8 +22,8 @@ import numpy as np
 from qsframework.applications.compare import compare
 from qsframework.applications.task import load_task
 from qsframework.design import DesignOptions, design
+from qsframework.diagnose import forecast
 from qsframework.experiment import example, load_experiment
-from qsframework.forecast.power import forecast
 from qsframework.robot import load_robot
 from qsframework.work import HERE, Work, run
 

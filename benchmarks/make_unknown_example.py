@@ -142,8 +142,7 @@ def targets(made: Campaign, path: Path) -> None:
 
 def two_days(made: Campaign, size: float, folder: Path) -> None:
     """The first poses as a day of their own, and the visits that its diagnosis asks for, measured by the same arm."""
-    from qsframework.diagnose import diagnose
-    from qsframework.discriminate import follow_up
+    from qsframework.diagnose import diagnose, follow_up
     from qsframework.experiment import load_experiment, read_readings
 
     assert made.setting.plan is not None

@@ -319,7 +319,7 @@ def answer(told: Told, fresh: bool = False) -> Result:
 def second_day(told: Told, found: Diagnosis) -> Result | None:
     """What the diagnosis says of both days, after the visits that it asked for, and with what it asked to mount; None
     where it asked for none."""
-    from qsframework.discriminate import follow_up
+    from qsframework.diagnose import follow_up
     from qsframework.errors import QsfError
 
     first, visits = told.campaign.setting, told.campaign.visits[0]

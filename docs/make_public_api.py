@@ -44,8 +44,6 @@ PACKAGES: dict[str, tuple[str, ...]] = {
     "qsframework.design": (),
     "qsframework.identify": (),
     "qsframework.diagnose": (),
-    "qsframework.discriminate": (),
-    "qsframework.forecast": (),
     "qsframework.applications": (),
     "qsframework.applications.importers": (),
     "qsframework.work": (),

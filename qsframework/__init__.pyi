@@ -10,7 +10,8 @@ from .applications.targets import joint_targets as joint_targets, read_targets a
 from .applications.task import load_task as load_task
 from .design import design as design
 from .diagnose import diagnose as diagnose
-from .discriminate import follow_up as follow_up
+from .diagnose.power import forecast as forecast
+from .diagnose.second_day import follow_up as follow_up
 from .errors import (
     InputError as InputError,
     NotCertified as NotCertified,
@@ -30,7 +31,6 @@ from .experiment import (
     write_plan as write_plan,
     write_readings as write_readings,
 )
-from .forecast import forecast as forecast
 from .identify import (
     Fit as Fit,
     identify as identify,

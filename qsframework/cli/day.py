@@ -23,8 +23,7 @@ from qsframework.experiment import Experiment, Readings, load_experiment, read_r
 from qsframework.files import sha256
 
 if TYPE_CHECKING:
-    from qsframework.diagnose import Diagnosis
-    from qsframework.discriminate import FollowUp
+    from qsframework.diagnose import Diagnosis, FollowUp
 
 SECOND_DAY = "follow-up.csv"
 """The plan of the visits that settle what a day's diagnosis leaves open."""
@@ -291,7 +290,7 @@ def finish(day: Day, files: DayFiles) -> list[str]:
 def second_day(found: Diagnosis, folder: Path) -> tuple[FollowUp | None, list[str]]:
     """The visits that would settle what a diagnosis leaves open, as a plan in the day's folder, and what is said of
     them; none where nothing is open."""
-    from qsframework.discriminate import follow_up
+    from qsframework.diagnose import follow_up
     from qsframework.experiment import write_plan
     from qsframework.report.words.follow_up import follow_up_words
 

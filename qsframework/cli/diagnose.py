@@ -8,10 +8,9 @@ from qsframework.cli.commands import distinct_outputs, readings_files, write_jso
 from qsframework.cli.files import DiagnoseFiles
 from qsframework.cli.printing import print_folded, print_line, print_table
 from qsframework.cli.progress import Tell, progress
-from qsframework.diagnose import STEPS, DiagnoseOptions, Diagnosis, diagnose
+from qsframework.diagnose import STEPS, DiagnoseOptions, Diagnosis, FollowUp, diagnose, follow_up
 from qsframework.diagnose.extend import check_folder
-from qsframework.discriminate import FollowUp, follow_up
-from qsframework.discriminate.mounts import mounts_of
+from qsframework.diagnose.mounts import mounts_of
 from qsframework.errors import InputError
 from qsframework.experiment import load_experiment, read_readings
 from qsframework.experiment.account import added_effects

@@ -21,8 +21,8 @@ def run_foresight(
     work: Work = HERE,
 ) -> None:
     """Print, before anything is measured, what a plan would detect and name, and what stays invisible."""
+    from qsframework.diagnose import forecast
     from qsframework.elastostatics import range_notes
-    from qsframework.forecast.power import forecast
     from qsframework.information import predicted_uncertainties
     from qsframework.report.plan_section import predicted_table
     from qsframework.report.power_section import pair_table, power_section, size_table

@@ -1,6 +1,8 @@
 from .diagnose import STEPS as STEPS, diagnose as diagnose
+from .foresight import Foresight as Foresight
 from .linearization.candidates import Cause as Cause, find_causes as find_causes
 from .options import LEVEL as LEVEL, DiagnoseOptions as DiagnoseOptions
+from .power import forecast as forecast
 from .result import (
     AlternativeCause as AlternativeCause,
     Diagnosis as Diagnosis,
@@ -10,3 +12,4 @@ from .result import (
     NamedCause as NamedCause,
     Value as Value,
 )
+from .second_day import FollowUp as FollowUp, follow_up as follow_up

@@ -9,7 +9,7 @@ from qsframework.arguments import checked
 from qsframework.diagnose.audit_entries import audited_of
 from qsframework.diagnose.extend import Extension, write_extension
 from qsframework.diagnose.result import Diagnosis
-from qsframework.discriminate.follow_up import FollowUp
+from qsframework.diagnose.second_day import FollowUp
 from qsframework.errors import InputError
 from qsframework.files import sha256
 from qsframework.report.words.diagnosis import diagnosis_words

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qsframework.forecast.forecast import Foresight, Outlook, Prospect, Why
-from qsframework.forecast.unknown import SIZE, PlaceOutlook
+from qsframework.diagnose.foresight import Foresight, Outlook, Prospect, Why
+from qsframework.diagnose.unknown import SIZE, PlaceOutlook
 from qsframework.plugin import Array, Indices
 from qsframework.report.blocks import Figure, ReportTable, Section, Text
 from qsframework.report.numbers import MATRIX, matrix_table

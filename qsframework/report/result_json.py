@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 
 from qsframework.diagnose.error_budget import error_budget
+from qsframework.diagnose.foresight import Foresight, Prospect
+from qsframework.diagnose.mounts import Mount
 from qsframework.diagnose.residuals.lack_of_fit import LackOfFit
 from qsframework.diagnose.result import Diagnosis, LearnedLaw, Leftover, Line, NamedCause
-from qsframework.discriminate.follow_up import FollowUp
-from qsframework.discriminate.mounts import Mount
+from qsframework.diagnose.second_day import FollowUp
+from qsframework.diagnose.unknown import SIZE, UnknownOutlook
 from qsframework.files import as_file
-from qsframework.forecast.forecast import Foresight, Prospect
-from qsframework.forecast.unknown import SIZE, UnknownOutlook
 from qsframework.report.words.diagnosis import diagnosis_words, limit_words, method_words
 from qsframework.report.words.follow_up import suspect_words
 from qsframework.report.words.forecast import foresight_words, size_words, why_words

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from qsframework.arguments import checked
 from qsframework.diagnose import Diagnosis
-from qsframework.discriminate import FollowUp
+from qsframework.diagnose.second_day import FollowUp
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment, Plan, Readings
 from qsframework.identify import Fit, FitRecord

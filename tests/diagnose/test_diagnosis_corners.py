@@ -11,20 +11,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from qsframework.diagnose import Diagnosis, diagnose
+from qsframework.diagnose import Diagnosis, diagnose, follow_up
+from qsframework.diagnose.foresight import Outlook, Prospect, Why
+from qsframework.diagnose.power import Bench
 from qsframework.diagnose.residuals.audited_rows import split_told
 from qsframework.diagnose.residuals.lack_of_fit import LackOfFit, arm_axes, variables_of
 from qsframework.diagnose.residuals.noise_components import visible
 from qsframework.diagnose.selection.family_test import FamilyBlock, family_test
 from qsframework.diagnose.selection.search import Gram
 from qsframework.diagnose.verdict import misfits, verdict_of
-from qsframework.discriminate.follow_up import follow_up
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
 from qsframework.estimation import Independent
 from qsframework.estimation.visit_noise import VisitNoise, reml
 from qsframework.experiment import make_rows, observation_model
-from qsframework.forecast.forecast import Outlook, Prospect, Why
-from qsframework.forecast.power import Bench
 from qsframework.plugin import Poses
 from qsframework.plugin.facts import frozen
 from qsframework.report.words.diagnosis import diagnosis_words

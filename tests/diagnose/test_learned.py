@@ -12,10 +12,9 @@ import pytest
 from typer.testing import CliRunner
 
 from qsframework.cli.main import app
-from qsframework.diagnose import Diagnosis, diagnose
+from qsframework.diagnose import Diagnosis, diagnose, follow_up
 from qsframework.diagnose.law import Law
 from qsframework.diagnose.learn import curve, dots
-from qsframework.discriminate import follow_up
 from qsframework.elastostatics import beyond, range_notes
 from qsframework.errors import InputError
 from qsframework.estimation import FitOptions

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from qsframework.diagnose.explanations import motions_at
 from qsframework.diagnose.linearization.candidates import find_causes
 from qsframework.diagnose.linearization.columns import plan_case
 from qsframework.diagnose.linearization.place_motions import places_of
-from qsframework.discriminate.explanations import motions_at
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, example, load_experiment, make_plan, make_rows
 from qsframework.experiment.simulate import planned_readings

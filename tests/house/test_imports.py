@@ -27,8 +27,6 @@ LAYERS = (
     ("screening",),
     ("design", "identify"),
     ("diagnose",),
-    ("discriminate",),
-    ("forecast",),
     ("applications",),
     ("report", "viz"),
     ("cli",),

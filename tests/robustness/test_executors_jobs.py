@@ -15,8 +15,8 @@ from qsframework.applications.compare import compare
 from qsframework.applications.task import load_task
 from qsframework.cli import main
 from qsframework.design import DesignOptions, design, generate_candidates
+from qsframework.diagnose import forecast
 from qsframework.experiment import Experiment, Plan, load_experiment
-from qsframework.forecast.power import forecast
 from qsframework.report.result_json import foresight_json
 from qsframework.robot import load_robot
 from qsframework.work import HERE, Work

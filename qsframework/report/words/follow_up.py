@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from qsframework.diagnose.explanations import Suspect
 from qsframework.diagnose.linearization.candidates import Cause
-from qsframework.discriminate.explanations import Suspect
-from qsframework.discriminate.follow_up import FollowUp
-from qsframework.discriminate.mounts import GAUGE, Mount
+from qsframework.diagnose.mounts import GAUGE, Mount
+from qsframework.diagnose.second_day import FollowUp
 from qsframework.experiment.setup import WORLD
 from qsframework.report.words.law import place_words, variable_words
 

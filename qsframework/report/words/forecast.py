@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from qsframework.diagnose.foresight import DetectableSize, Foresight, Outlook, PowerCurve, Prospect, Why
 from qsframework.diagnose.linearization.candidates import REACH
-from qsframework.forecast.forecast import DetectableSize, Foresight, Outlook, PowerCurve, Prospect, Why
-from qsframework.forecast.unknown import SIZE, PlaceOutlook, UnknownOutlook
+from qsframework.diagnose.unknown import SIZE, PlaceOutlook, UnknownOutlook
 from qsframework.report.blocks import Mark, Verdict
 from qsframework.report.words.follow_up import mounts_words
 from qsframework.report.words.law import place_words

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from qsframework.diagnose.law import Law
 from qsframework.diagnose.result import Diagnosis, Status
+from qsframework.diagnose.second_day import FollowUp
 from qsframework.diagnose.verdict import misfits
-from qsframework.discriminate.follow_up import FollowUp
 from qsframework.report.words.follow_up import WORTH, mount_words, percent
 from qsframework.report.words.headline import names_words, poses_words, worst_poses
 from qsframework.report.words.law import place_words, variable_words

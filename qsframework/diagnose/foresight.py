@@ -7,7 +7,7 @@ from enum import Enum
 
 from qsframework.diagnose.linearization.candidates import Cause, Untested
 from qsframework.diagnose.linearization.columns import Case
-from qsframework.forecast.unknown import UnknownOutlook
+from qsframework.diagnose.unknown import UnknownOutlook
 from qsframework.plugin import Array, Parameter
 
 

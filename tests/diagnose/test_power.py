@@ -7,12 +7,9 @@ import numpy as np
 import pytest
 
 from qsframework.design import generate_candidates
+from qsframework.diagnose.foresight import Outlook
 from qsframework.diagnose.linearization.candidates import find_causes, widened
-from qsframework.diagnose.selection.family_test import log_p_values
-from qsframework.errors import InputError, NotIdentifiable
-from qsframework.experiment import example, load_experiment
-from qsframework.forecast.forecast import Outlook
-from qsframework.forecast.power import (
+from qsframework.diagnose.power import (
     Bench,
     detection_rate,
     forecast,
@@ -20,6 +17,9 @@ from qsframework.forecast.power import (
     needed_size,
     threshold,
 )
+from qsframework.diagnose.selection.family_test import log_p_values
+from qsframework.errors import InputError, NotIdentifiable
+from qsframework.experiment import example, load_experiment
 from qsframework.plugin import Poses
 from qsframework.report.result_json import foresight_json
 from qsframework.report.words.forecast import foresight_words, smallest_words, why_words

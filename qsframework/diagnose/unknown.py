@@ -15,12 +15,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from qsframework.diagnose.explanations import Foretold, Suspect, foretold, motions_at, seen_evidence, winners
 from qsframework.diagnose.law import Law
 from qsframework.diagnose.linearization.generic_blocks import Motions
 from qsframework.diagnose.linearization.place_motions import law_columns, places_of, variables
+from qsframework.diagnose.mounts import Mount, mounted, mounts_of, of_gauges
 from qsframework.diagnose.selection.places import PlaceMotion
-from qsframework.discriminate.explanations import Foretold, Suspect, foretold, motions_at, seen_evidence, winners
-from qsframework.discriminate.mounts import Mount, mounted, mounts_of, of_gauges
 from qsframework.estimation import left, orthonormal
 from qsframework.estimation.projection import Flags
 from qsframework.experiment import Experiment, Plan, make_rows

@@ -14,10 +14,9 @@ from independent import Campaign, Setting, noisy, write_campaign
 from independent_arm import COILED, Hidden, Rest
 
 from qsframework.design import design
-from qsframework.diagnose import Diagnosis, diagnose
-from qsframework.discriminate import FollowUp, follow_up
-from qsframework.discriminate.explanations import Explanations
-from qsframework.discriminate.follow_up import chosen_visits, opened, suspects_of
+from qsframework.diagnose import Diagnosis, FollowUp, diagnose, follow_up
+from qsframework.diagnose.explanations import Explanations
+from qsframework.diagnose.second_day import chosen_visits, opened, suspects_of
 from qsframework.errors import InputError
 from qsframework.experiment import example, load_experiment, read_readings, simulate
 from qsframework.plugin import Array, find

@@ -11,10 +11,9 @@ import pytest
 from qsframework.cli.day import SECOND_DAY, second_day
 from qsframework.cli.diagnose_plan import run_foresight
 from qsframework.design import design
+from qsframework.diagnose import forecast
 from qsframework.errors import InputError
 from qsframework.experiment import example, load_experiment, read_plan, write_plan
-from qsframework.forecast import power
-from qsframework.forecast.power import forecast
 from qsframework.report.power_section import angle_figure, pair_table, power_figure, power_section, size_table
 from tests.diagnose.cases import hardened
 
@@ -38,7 +37,9 @@ def judged(plan_file, tmp_path_factory):
     """The command's folder, what it said, and the forecast that it made."""
     made, folder = [], tmp_path_factory.mktemp("judged")
     with pytest.MonkeyPatch.context() as patched, redirect_stdout(StringIO()) as said:
-        patched.setattr(power, "forecast", lambda *given, **more: made.append(forecast(*given, **more)) or made[0])
+        patched.setattr(
+            "qsframework.diagnose.forecast", lambda *given, **more: made.append(forecast(*given, **more)) or made[0]
+        )
         run_foresight(FILE, plan_file, folder / "f.json", folder / "f.html")
     return folder, said.getvalue(), made[0]
 
