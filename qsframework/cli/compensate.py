@@ -25,7 +25,7 @@ from qsframework.cli.printing import print_folded, print_notes, print_table, pri
 from qsframework.cli.progress import progress
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment, load_experiment
-from qsframework.experiment.columns import write_table
+from qsframework.experiment.columns import WRENCH_NAMES, write_table
 from qsframework.files.output import write_bytes
 from qsframework.identify import FitRecord, read_fit
 from qsframework.identify.soundness import check_fit
@@ -174,7 +174,7 @@ def write_corrected(path: Path, result: Compensation, experiment: Experiment) ->
     place, turn = flange_pose(result.command)
     joints = experiment.robot.controller.units
     header = ["target", *joints.names(), "x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg"]
-    header += ["fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm", "uncorrected_mm", "expected_error_mm"]
+    header += [*WRENCH_NAMES, "uncorrected_mm", "expected_error_mm"]
     columns = [joints.shown(result.pendant), place * 1e3, np.rad2deg(turn), result.targets.wrench]
     numbers = np.column_stack([*columns, result.size * 1e3, result.sd * 1e3]).tolist()
     rows = [[name, *(f"{v:.6f}" for v in row)] for name, row in zip(result.targets.name, numbers, strict=True)]

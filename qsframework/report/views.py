@@ -16,6 +16,7 @@ from qsframework.applications.compare import Comparison
 from qsframework.diagnose import Diagnosis
 from qsframework.errors import InputError, Problem, QsfError
 from qsframework.experiment import Experiment, Plan, Readings, Simulation
+from qsframework.experiment.columns import WRENCH_NAMES
 from qsframework.identify import Fit
 from qsframework.identify.columns import values_of
 from qsframework.identify.validate import Validation
@@ -49,7 +50,6 @@ if TYPE_CHECKING:
 
 _ROWS = 10
 """Of readings, targets and parameters that text shows."""
-_WRENCH = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ def _plan(plan: Plan) -> ResultView:
     units = plan.units or JointUnits((False,) * plan.pendant.shape[1])
     columns: dict[str, Any] = {"pose": plan.pose}
     columns |= _joint_columns(plan.pendant, units)
-    columns |= {name: plan.wrench[:, k] for k, name in enumerate(_WRENCH)}
+    columns |= {name: plan.wrench[:, k] for k, name in enumerate(WRENCH_NAMES)}
     columns |= {"load": plan.load, "repeats": plan.repeats}
     said = f"{len(plan.pose)} poses, {sum(plan.repeats)} with their repeats. {certificate_text(plan)}"
 
@@ -149,7 +149,7 @@ def _readings(readings: Readings) -> ResultView:
     columns: dict[str, Any] = {"pose": readings.pose, "kind": readings.kind, "marker": readings.marker}
     columns |= {f"{axis}_m": readings.value[:, k] for k, axis in enumerate("xyz")}
     columns |= {f"sigma_{axis}_m": readings.sigma[:, k] for k, axis in enumerate("xyz")}
-    columns |= {name: loads[:, k] for k, name in enumerate(_WRENCH[:3])}
+    columns |= {name: loads[:, k] for k, name in enumerate(WRENCH_NAMES[:3])}
     columns |= {"use": readings.use, "line": readings.line}
     rows = tuple(
         (
@@ -262,7 +262,7 @@ def _stiffness(found: Stiffness) -> ResultView:
 def _targets(targets: Targets) -> ResultView:
     columns: dict[str, Any] = {"target": targets.name}
     columns |= {f"{axis}_m": targets.wanted.position[:, k] for k, axis in enumerate("xyz")}
-    columns |= {name: targets.wrench[:, k] for k, name in enumerate(_WRENCH)}
+    columns |= {name: targets.wrench[:, k] for k, name in enumerate(WRENCH_NAMES)}
     rows = tuple(
         (name, *map(_mm, at), ", ".join(f"{f:.0f}" for f in wrench[:3]))
         for name, at, wrench in zip(targets.name, targets.wanted.position, targets.wrench, strict=True)

@@ -96,11 +96,8 @@ def stops_of(log: Listing, joints: int) -> list[Stop]:
     """Where the arm stood still, in the order of time. InputError where times are missing or run backwards."""
     angles, times = log.angles(joints), log.numbers.get("time")
     if times is None:
-        message, hint = (
-            "the log has no column of times",
-            "Join it by order or by names, or say which column holds the time.",
-        )
-        raise InputError(log.sheet.problem(None, message, hint=hint, argument=("join", "order")))
+        hint, argument = "Join it by order or by names, or say which column holds the time.", ("join", "order")
+        raise InputError(log.sheet.problem(None, "the log has no column of times", hint=hint, argument=argument))
     back = np.flatnonzero(np.diff(times) < 0.0)
     if len(back):
         i = int(back[0]) + 1
@@ -225,34 +222,19 @@ def check_planned(
 ) -> None:
     """InputError where the log's angles are not those of the planned pose; one where those of most are not, with the
     convention in which all are."""
+    known = [i for i, point in enumerate(points) if point.pose in campaign.poses]
+    planned = np.array([campaign.poses[points[i].pose] for i in known]).reshape(-1, pendant.shape[1])
+    hint = f"Is {log.sheet.path.name} of this campaign, in this order, in this unit?"
     problems: list[Problem] = []
-    for point, angles in zip(points, pendant, strict=True):
-        planned = campaign.poses.get(point.pose)
-        if planned is None:
-            continue
-        off = np.rad2deg(np.abs(angles - planned))
-        if off.max() > np.rad2deg(_PLANNED):
-            k = int(np.argmax(off))
-            message = f"{label(point.taken)}: the log has joint {k + 1} {off[k]:.3g} deg from where the plan puts it"
-            hint = f"Is {log.sheet.path.name} of this campaign, in this order, in this unit?"
-            problems.append(point.problem(message, hint=hint))
+    for i, off in zip(known, np.rad2deg(np.abs(pendant[known] - planned)), strict=True):
+        k = int(np.argmax(off))
+        if off[k] > np.rad2deg(_PLANNED):
+            message = f"the log has joint {k + 1} {off[k]:.3g} deg from where the plan puts it"
+            problems.append(points[i].problem(f"{label(points[i].taken)}: {message}", hint=hint))
     if len(problems) > 2 and 2 * len(problems) > len(points):
-        problems = [_all_elsewhere(problems, points, pendant, campaign, controller)]
+        others = other_angles(controller, pendant[known])
+        words = next((words for words, values in others if (np.abs(values - planned) <= _PLANNED).all()), "")
+        message = f"{problems[0].message}, and so with {len(problems)} of {len(points)} points"
+        hint = f"They agree {words}. Correct the log, or its headers." if words else hint
+        problems = [replace(problems[0], message=message, hint=hint)]
     refuse(problems)
-
-
-def _all_elsewhere(
-    problems: Sequence[Problem],
-    points: Sequence[TrackerPoint],
-    pendant: Array,
-    campaign: Campaign,
-    controller: Controller,
-) -> Problem:
-    """One problem of most points, with the convention of the log in which it agrees with the plan."""
-    known = [k for k, point in enumerate(points) if point.pose in campaign.poses]
-    planned = np.array([campaign.poses[points[k].pose] for k in known])
-    others = other_angles(controller, pendant[known])
-    words = next((words for words, values in others if (np.abs(values - planned) <= _PLANNED).all()), "")
-    message = f"{problems[0].message}, and so with {len(problems)} of {len(points)} points"
-    hint = f"They agree {words}. Correct the log, or its headers." if words else problems[0].hint
-    return replace(problems[0], message=message, hint=hint)

@@ -261,14 +261,13 @@ def _convention(points: Sequence[TrackerPoint], pendant: Array, experiment: Expe
 
 def _few_agree(points: Sequence[TrackerPoint], fit: PlacementFit, within: float, convention: str | None) -> Problem:
     """One problem where most points lie elsewhere than they were taken for, with the convention in which they fit."""
-    first = next(k for k, agrees in enumerate(fit.agrees.tolist()) if not agrees)
+    first = int(np.argmin(fit.agrees))
     agree = f"{int(fit.agrees.sum())} of {len(points)} within {1e3 * within:g} mm"
     found = f"in one frame {agree}; this is the first that is not"
     hint = "Is one point too many or missing before it, or are names, angles or the plan of another day?"
     hint = hint if convention is None else f"They fit {convention}. Correct the file, or its headers."
-    return points[first].problem(
-        "most points do not lie where their poses put the markers", "x", found=found, hint=hint
-    )
+    message = "most points do not lie where their poses put the markers"
+    return points[first].problem(message, "x", found=found, hint=hint)
 
 
 def _misplaced(
