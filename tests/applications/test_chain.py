@@ -81,6 +81,8 @@ def test_from_a_diagnosis_to_a_certificate(name: str, chains: Chains) -> None:
         assert f"extended by what a diagnosis of readings found: {ADDED[name]}" in said[step], step
     assert re.search(r"[\d.]+ → [\d.]+ mm", said["identify"]), "the gain of all, before and after"
     assert ADDED[name] in (folder / "c.html").read_text(encoding="utf-8")
+    if name == "mixed":
+        return  # its own fit is refused as that of the hidden effect
     own = folder / "own.json"
     run("identify", folder / "given" / "experiment.yaml", "--json", own)
     arguments = ("certificate", folder / "given" / "experiment.yaml", own, "--halves", 2, "-o", folder / "own.html")
