@@ -3,6 +3,7 @@
 import json
 from contextlib import redirect_stdout
 from dataclasses import replace
+from importlib import import_module
 from io import StringIO
 
 import numpy as np
@@ -37,9 +38,8 @@ def judged(plan_file, tmp_path_factory):
     """The command's folder, what it said, and the forecast that it made."""
     made, folder = [], tmp_path_factory.mktemp("judged")
     with pytest.MonkeyPatch.context() as patched, redirect_stdout(StringIO()) as said:
-        patched.setattr(
-            "qsframework.diagnose.forecast", lambda *given, **more: made.append(forecast(*given, **more)) or made[0]
-        )
+        package = import_module("qsframework.diagnose")
+        patched.setattr(package, "forecast", lambda *given, **more: made.append(forecast(*given, **more)) or made[0])
         run_foresight(FILE, plan_file, folder / "f.json", folder / "f.html")
     return folder, said.getvalue(), made[0]
 
