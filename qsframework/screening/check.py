@@ -146,6 +146,7 @@ def _told(one: Finding, experiment: Experiment, readings: Readings, compelling: 
         below=0,
         compelling=compelling,
         rows=one.rows,
+        file=one.file,
         kinds=(one.name,),
         mask=one.mask,
     )

@@ -39,7 +39,7 @@ from qsframework.screening.linearized import Estimates, Linearized, linearized, 
 from qsframework.screening.logging_faults import exchanges, late_angles
 from qsframework.screening.marker_constant import marker_constant
 from qsframework.screening.mistake import Mistake, Moved
-from qsframework.screening.rows import among, lines
+from qsframework.screening.rows import among, file_of, lines
 from qsframework.screening.runs import MOST_OF_IT, NEAR_NOISE, run_of_rows
 from qsframework.screening.standing_out import Standing, agreement, stand_out
 from qsframework.screening.table_mistakes import Mend, table_mistakes
@@ -170,7 +170,7 @@ def single_rows(given: Linearized, standing: Standing) -> list[Mistake]:
                 compelling=True,
                 rows=tuple(sorted(int(r) for r in readings.line[rows])),
                 mask=among(readings, rows),
-                file=_file(readings, rows),
+                file=file_of(readings, rows),
                 kinds=tuple(dict.fromkeys([first.kind, *(o.kind for o in mistake.others)])),
                 column=first.column,
                 found=first.found,
@@ -193,13 +193,6 @@ def _name(readings: Readings, mistake: Mend) -> str:
     if np.isfinite(first.found) and first.kind != "block" and first.column != "force":
         where.append(first.column)
     return f"{first.kind}[{'/'.join(where)}]"
-
-
-def _file(readings: Readings, rows: Indices) -> str:
-    """Name of the file of some rows, where there are several."""
-    if len(readings.sources) < 2 or not len(rows):
-        return ""
-    return readings.sources[int(readings.file[rows[0]])].name
 
 
 def overloads(given: Linearized) -> list[Mistake]:
@@ -231,7 +224,7 @@ def overloads(given: Linearized) -> list[Mistake]:
             below=given.estimates.below,
             compelling=False,
             rows=tuple(int(r) for r in readings.line[rows]),
-            file=_file(readings, rows),
+            file=file_of(readings, rows),
             kinds=("load_payload",),
             column="force",
             found=largest,
@@ -299,7 +292,7 @@ def _judge(
         compelling=bool(compelling),
         rows=() if rows is None else tuple(int(r) for r in np.unique(given.readings.line[rows])),
         mask=None if rows is None else among(given.readings, rows),
-        file="" if rows is None else _file(given.readings, rows),
+        file="" if rows is None else file_of(given.readings, rows),
         kinds=(change.name,),
         column=change.column,
         moved=_changed(given, trial),

@@ -21,7 +21,7 @@ _COARSE = 5e-6
 class Finding:
     """What is wrong with some readings: rows are lines of the file, mask (R,) True where a row should not be used.
 
-    marker (R,): where only names of markers are wrong, those that were meant
+    marker (R,): where only names of markers are wrong, those that were meant; file: of the rows, if several
     """
 
     name: str
@@ -29,6 +29,7 @@ class Finding:
     words: str
     mask: Flags
     marker: Indices | None = None
+    file: str = ""
 
     def applied(self, readings: Readings) -> Readings:
         """The readings without these rows, or with their markers as they were meant."""
@@ -53,7 +54,14 @@ def among(readings: Readings, index: Indices) -> Flags:
 def finding(name: str, readings: Readings, index: Indices, words: str, mask: bool = True) -> Finding:
     """What is wrong with the rows at `index` (k,) of the readings; mask False: said only."""
     wrong = among(readings, index) & mask
-    return Finding(name, tuple(int(r) for r in readings.line[index]), words, wrong)
+    return Finding(name, tuple(int(r) for r in readings.line[index]), words, wrong, file=file_of(readings, index))
+
+
+def file_of(readings: Readings, index: Indices) -> str:
+    """Name of the file of some rows (k,), where there are several."""
+    if len(readings.sources) < 2 or not len(index):
+        return ""
+    return readings.sources[int(readings.file[index[0]])].name
 
 
 def lines(readings: Readings, rows: Indices) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -113,6 +114,19 @@ def test_a_pose_read_twice_is_not_all_others_in_another_unit(tmp_path: Path) -> 
         (found,) = adopted(find_mistakes(experiment, readings.with_values(value)))
         assert found.name == f"repeated_readings[{readings.pose[3 * pose]}]"
         assert list(found.rows) == readings.line[here].tolist()
+
+
+def test_rows_of_several_files_are_told_with_their_file(tmp_path: Path) -> None:
+    """A line number alone is of either file."""
+    campaign = Campaign(Setting(ARMS["small"], 12, 0, "mixed", loads="two"))
+    write_campaign(campaign, noisy(campaign, campaign.clean(Hidden())), tmp_path)
+    experiment, readings = loaded(tmp_path)
+    row = int(np.flatnonzero(readings.is_position)[0])
+    marker = readings.marker.copy()
+    marker[[row, row + 2]] = marker[[row + 2, row]]
+    (found,) = adopted(find_mistakes(experiment, replace(readings, marker=marker)))
+    assert (found.name, found.rows) == ("swapped_markers", tuple(readings.line[[row, row + 2]].tolist()))
+    assert found.file == readings.sources[int(readings.file[row])].name == "tracker.csv"
 
 
 def test_readings_that_scatter_ten_times_as_stated_are_not_within_the_noise(folder: Path) -> None:
