@@ -8,15 +8,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from remembered import diagnose
 from typer.testing import CliRunner
 
 from qsframework.cli.main import app
-from qsframework.diagnose import diagnose
 from qsframework.errors import InputError
 from qsframework.experiment import load_experiment, make_plan, read_readings, simulate
 from qsframework.experiment.observations import values_before
 from qsframework.identify import identify, validate
 from qsframework.plugin import Parameter, Poses
+
+pytestmark = pytest.mark.usefixtures("diagnosed_once")
 
 HIDDEN = Path(__file__).resolve().parents[2] / "examples" / "hidden_effect"
 
