@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import http.client
 import json
 import os
@@ -20,9 +21,11 @@ import day_cell as cell
 import numpy as np
 import pytest
 from headless import browser
+from typer.testing import CliRunner
 
 from qsframework.applications.day import Slot, begin, enter
 from qsframework.applications.protocol import ProtocolOptions
+from qsframework.cli.main import app
 from qsframework.experiment import Experiment, load_experiment, write_plan
 from qsframework.plugin import Array
 
@@ -225,6 +228,25 @@ def test_a_plan_of_another_robot_is_refused(folder: Path) -> None:
     assert not (folder / "day").exists()
 
 
+def watched(folder: Path, typed: str = "") -> str:
+    """What is said, in this process, of what lies in the folder of exports now; typed: on standard input."""
+    reads, writes = os.pipe()
+    os.write(writes, typed.encode())
+    os.close(writes)
+    kept = os.dup(0)
+    os.dup2(reads, 0)
+    try:
+        with contextlib.chdir(folder):
+            whole = ["day", "experiment.yaml", "plan.csv", "-o", "day", *OPTIONS, "--watch", "exports", "--once"]
+            done = CliRunner().invoke(app, whole, catch_exceptions=False)
+    finally:
+        os.dup2(kept, 0)
+        os.close(kept)
+        os.close(reads)
+    assert done.exit_code == 0, done.output
+    return done.stdout
+
+
 def test_a_watched_folder_says_a_line_for_every_state(folder: Path) -> None:
     experiment = load_experiment(folder / "experiment.yaml")
     options = ProtocolOptions(cycles=1, half=False, repeat_share=0.0)
@@ -232,31 +254,19 @@ def test_a_watched_folder_says_a_line_for_every_state(folder: Path) -> None:
     arm, rng = cell.draw_arm(experiment, 4)
     exports = folder / "exports"
     exports.mkdir()
-    command = [sys.executable, "-m", "qsframework", "day", "experiment.yaml", "plan.csv", "-o", "day", *OPTIONS]
     said = ""
     for k in range(3):
         (exports / f"p{k}.txt").write_text(lines(arm.read(day, Slot(0, k), rng)) + "\n")
-        done = subprocess.run(
-            [*command, "--watch", "exports", "--once"],
-            cwd=folder,
-            capture_output=True,
-            text=True,
-            timeout=600,
-            input="yes\n",
-        )
-        assert done.returncode == 0, done.stderr
-        said += done.stdout
+        said += watched(folder, "yes\n")
     (exports / "letter.txt").write_text("Dear operator\n")
     shutil.copy(exports / "p0.txt", exports / "copy.txt")
-    done = subprocess.run(
-        [*command, "--watch", "exports", "--once"], cwd=folder, capture_output=True, text=True, timeout=600
-    )
+    last = watched(folder)
     assert [f"p{k}.txt: pose" in said for k in range(3)] == [True] * 3
     assert said.count("as expected.") == 3
-    assert "letter.txt: not taken" in done.stdout
-    assert "copy.txt: taken in before, nothing in it is new" in done.stdout
-    assert "p0.txt" not in done.stdout
-    assert "continued, 9 readings are there" in done.stdout
+    assert "letter.txt: not taken" in last
+    assert "copy.txt: taken in before, nothing in it is new" in last
+    assert "p0.txt" not in last
+    assert "continued, 9 readings are there" in last
 
 
 def test_a_file_is_taken_when_it_has_an_end_and_has_stopped_changing(folder: Path) -> None:
@@ -269,7 +279,6 @@ def test_a_file_is_taken_when_it_has_an_end_and_has_stopped_changing(folder: Pat
     whole = day.record.table.read_text().splitlines(keepends=True)
     export, path = folder / "exports" / "slow\x1b[2J.csv", folder / "day" / "readings.csv"
     export.parent.mkdir()
-    command = [sys.executable, "-m", "qsframework", "day", "experiment.yaml", "plan.csv", "-o", "day", *OPTIONS]
     for text, count, said in (
         ("".join(whole[2:6]) + whole[6][:-9], 0, "not taken: its last line has no end"),
         ("".join(whole[2:5]), 2, "m3 to come"),
@@ -278,12 +287,9 @@ def test_a_file_is_taken_when_it_has_an_end_and_has_stopped_changing(folder: Pat
         ("# again\n" + "".join(whole[2:]), 9, "taken in before, nothing in it is new"),
     ):
         export.write_text(text)
-        done = subprocess.run(
-            [*command, "--watch", "exports", "--once"], cwd=folder, capture_output=True, text=True, timeout=600
-        )
-        assert done.returncode == 0, done.stderr
-        assert said in " ".join(done.stdout.split())
-        assert "\x1b" not in done.stdout
+        printed = watched(folder)
+        assert said in " ".join(printed.split())
+        assert "\x1b" not in printed
         assert len(path.read_text().splitlines()) == 3 + count
     assert [line.split(",")[:18] for line in path.read_text().splitlines()[2:]] == [
         line.split(",")[:18] for line in "".join(whole[2:]).splitlines()
@@ -303,16 +309,7 @@ def test_what_is_typed_decides_as_the_page_does(folder: Path) -> None:
     assert len(day.record.doubtful) == 3
     (folder / "exports").mkdir()
     (folder / "exports" / "letter.txt").write_text("Dear operator\n")  # in an empty folder a file is waited for
-    command = [sys.executable, "-m", "qsframework", "day", "experiment.yaml", "plan.csv", "-o", "day", *OPTIONS]
-    done = subprocess.run(
-        [*command, "--watch", "exports", "--once"],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=600,
-        input="correct\nnonsense\nkeep\nagain\n",
-    )
-    said = " ".join(done.stdout.split())
+    said = " ".join(watched(folder, "correct\nnonsense\nkeep\nagain\n").split())
     assert "waits: Markers m1 and m2 are exchanged." in said
     assert "corrected as proposed." in said
     assert "kept as it is." in said
