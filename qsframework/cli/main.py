@@ -335,7 +335,7 @@ def _refuse_empty(words: Sequence[str]) -> None:
     for before, word in zip(["", *words], words, strict=False):
         bare = word.startswith("--") and word.endswith("=")
         if bare or not word:
-            named = word[:-1] if bare else before if before.startswith("-") else "an argument"
+            named = word[:-1] if bare else before if before.startswith("-") else f"the argument after {before or 'qsf'}"
             raise InputError(Problem(f"{named}: the value is empty", hint="Give it a value, or leave it out."))
 
 

@@ -182,7 +182,7 @@ def test_a_hard_link_to_an_input_is_seen(tmp_path: Path) -> None:
         (["simulate", M900IB, "plan.csv", "-o", ""], "-o: the value is empty"),
         (["simulate", M900IB, "plan.csv", "--output="], "--output: the value is empty"),
         (["check", M900IB, "--json", ""], "--json: the value is empty"),
-        (["check", ""], "an argument: the value is empty"),
+        (["check", ""], "the argument after check: the value is empty"),
     ],
 )
 def test_an_empty_value_is_named_by_its_option(

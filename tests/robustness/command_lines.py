@@ -490,7 +490,7 @@ class Commands:
             return True
         text = re.sub(r"\s+", "", error)
         known = [o for p in commands()[self.name].params for o in (*p.opts, *p.secondary_opts) if o.startswith("-")]
-        known += [p.name.upper() for p in commands()[self.name].params]
+        known += [p.name.upper() for p in commands()[self.name].params] + [f"theargumentafter{self.name}:"]
         shown = ["".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in w) for w in line.words[1:]]
         known += [re.sub(r"\s+", "", w)[:90] for w in (*line.words[1:], *shown) if len(w.strip()) > 1]
         known += [f"'{w}'" for w in line.words[1:] if len(w.strip()) == 1]
