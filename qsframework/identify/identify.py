@@ -381,16 +381,19 @@ def _fit_of(experiment: Experiment, found: Found, options: FitOptions) -> Fit:
 def _advice(
     rows: ReadingRows, model: Model, left: Sequence[NotEstimated], estimates: Sequence[Estimate]
 ) -> tuple[str, ...]:
-    """What would help to tell the parameters that these readings do not tell, or tell badly."""
+    """What would help to tell the parameters that these readings do not tell, or tell badly; of an effect whose values
+    belong together once."""
     readings = rows.readings
     poses = readings.poses.take(rows.plus)
     placed = kinds_of(model, Geometry) if readings.is_position[rows.keep].any() else set[str]()
     silent = [e.name for e in left if np.isinf(e.sd) and not e.correlated_with and e.name not in placed]
     badly = [e for e in estimates if e.state is EstimateState.NOT_IDENTIFIABLE and e.name in {*model.names} - placed]
-    return (
-        *(f"{name}: {what_would_help(model, name, poses)}" for name in silent),
-        *(f"{e.name}: {e.state.value}; {what_would_help(model, e.name, poses)}." for e in badly),
+    whole = {n: e.name for e, own in zip(model.effects, model.slices, strict=True) if e.whole for n in model.names[own]}
+    said = (
+        *(f"{whole.get(name, name)}: {what_would_help(model, name, poses)}" for name in silent),
+        *(f"{whole.get(e.name, e.name)}: {e.state.value}; {what_would_help(model, e.name, poses)}." for e in badly),
     )
+    return tuple(dict.fromkeys(said))
 
 
 def _estimates(

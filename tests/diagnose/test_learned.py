@@ -317,6 +317,10 @@ def test_a_new_fit_pulls_the_weights_by_the_prior_of_their_effect(found: tuple[D
     assert np.sqrt(np.mean(np.square(again - said))) < 0.5 * 3e-5, "the noise that was found was larger"
     few = identify(extended, some(read_readings(extended.data, extended), 5), options=FitOptions(bounds=False))
     assert all(e.sd < 1.01 * prior for e in few.estimates if e.name in {p.name for p in weights})
+    advice = [note.partition(":")[0] for note in few.notes if note.startswith("learned")]
+    assert advice, "so few poses hardly tell the weights"
+    assert set(advice) <= {cause.name for cause in d.learned.causes}, "a law is told once, not weight by weight"
+    assert len(advice) == len(set(advice))
 
 
 def some(readings: Readings, poses: int) -> Readings:
