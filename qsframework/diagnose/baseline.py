@@ -27,7 +27,7 @@ from qsframework.plugin import Array, Indices
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
+class StartingFit:
     """An exact fit of the experiment's own parameters to all rows; unidentifiable: the others."""
 
     experiment: Experiment
@@ -94,7 +94,7 @@ class Baseline:
         return [names.get(number, "") for number in range(max(names) + 1)]
 
 
-def start_of(experiment: Experiment, readings: Readings) -> Start:
+def start_of(experiment: Experiment, readings: Readings) -> StartingFit:
     """The exact fit of the experiment's own parameters, in the noise that is stated."""
     model = experiment.model()
     rows = make_rows(readings)
@@ -116,10 +116,10 @@ def start_of(experiment: Experiment, readings: Readings) -> Start:
         x[at] = fit.x[at]
         with suppress(NotConverged):
             fit, unidentifiable = settle_fit(model, rows, again, x, frames=fit.frames), other
-    return Start(experiment, readings, rows, fit, unidentifiable)
+    return StartingFit(experiment, readings, rows, fit, unidentifiable)
 
 
-def baseline_of(start: Start) -> Baseline:
+def baseline_of(start: StartingFit) -> Baseline:
     """All causes beside the exact fit, and the noise that it leaves."""
     experiment, rows, fit = start.experiment, start.rows, start.fit
     causes, untested = find_causes(experiment, fit.names, rows)

@@ -11,7 +11,7 @@ from qsframework.arguments import checked
 from qsframework.diagnose.baseline import Baseline, audit_of, start_of
 from qsframework.diagnose.evidence_table import findings_of, table_of
 from qsframework.diagnose.learned_law import best_law, tested
-from qsframework.diagnose.named_causes import Found, SearchOptions, beside_structures, find_named, held_out_gain
+from qsframework.diagnose.named_causes import FoundCauses, SearchOptions, beside_structures, find_named, held_out_gain
 from qsframework.diagnose.options import LEVEL, Level
 from qsframework.diagnose.remaining import Remaining, races_of, with_alternatives
 from qsframework.diagnose.residuals.audited_rows import lone_visits, misfit
@@ -83,7 +83,7 @@ def diagnose(
 
 
 def _told(
-    found: Found,
+    found: FoundCauses,
     remaining: Remaining,
     options: SearchOptions,
     tell: Callable[[str], None],
@@ -138,7 +138,7 @@ def _told(
     )
 
 
-def _certain(found: Found, findings: Sequence[NamedCause]) -> SettledFit:
+def _certain(found: FoundCauses, findings: Sequence[NamedCause]) -> SettledFit:
     """The exact fit with the names that are not doubtful; that of all where it cannot be made."""
     doubtful = {f.name for f in findings if f.doubtful}
     if not doubtful:

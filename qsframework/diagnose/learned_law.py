@@ -12,7 +12,7 @@ from qsframework.diagnose.baseline import Baseline
 from qsframework.diagnose.learn import shares
 from qsframework.diagnose.likeness import alike
 from qsframework.diagnose.linearization.candidates import Cause, widened
-from qsframework.diagnose.named_causes import Found, SearchOptions, held_out_gain
+from qsframework.diagnose.named_causes import FoundCauses, SearchOptions, held_out_gain
 from qsframework.diagnose.remaining import NOTHING, Remaining, remaining_beside
 from qsframework.diagnose.result import LearnedLaw
 from qsframework.diagnose.selection.cross_validation import held_out_average
@@ -22,7 +22,7 @@ _PREDICTS = 0.98
 """Share of the held-out error with some names below which a law stands in their place."""
 
 
-def tested(found: Found, options: SearchOptions) -> tuple[Found, Remaining]:
+def tested(found: FoundCauses, options: SearchOptions) -> tuple[FoundCauses, Remaining]:
     """The test for remaining signal, and what stands after it: names that a law is far ahead of drop out, and the law
     remains, where it also predicts held-out poses better than they do."""
     if not options.largest:
@@ -37,7 +37,9 @@ def tested(found: Found, options: SearchOptions) -> tuple[Found, Remaining]:
     return (rest, after) if better else (found, remaining)
 
 
-def best_law(found: Found, certain: SettledFit, remaining: Remaining, options: SearchOptions) -> LearnedLaw | None:
+def best_law(
+    found: FoundCauses, certain: SettledFit, remaining: Remaining, options: SearchOptions
+) -> LearnedLaw | None:
     """The average of the likeliest laws of what is left, fitted exactly beside the certain names, with its held-out
     gain; None where nothing is learned or no fit leads anywhere.
 

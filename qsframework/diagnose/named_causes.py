@@ -11,7 +11,7 @@ import numpy as np
 
 from qsframework.diagnose.baseline import (
     Baseline,
-    Start,
+    StartingFit,
     baseline_of,
     fits_beside,
     in_noise_beside,
@@ -79,14 +79,14 @@ class SearchOptions:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class FoundCauses:
     """The library, its answers, best first, and the baseline in the noise that these leave; plain: the same without
     any answer, in the noise that is left then."""
 
     base: Baseline
     library: Library
     answers: Sequence[Answer]
-    plain: Found | None = None
+    plain: FoundCauses | None = None
 
     @property
     def best(self) -> Answer | None:
@@ -106,7 +106,7 @@ class Found:
         """The exact fit with the causes of the best answer."""
         return self.answers[0].fit if self.answers else self.base.fit
 
-    def without(self, names: Sequence[str]) -> Found:
+    def without(self, names: Sequence[str]) -> FoundCauses:
         """The best answer without some of its causes, its fit and its noise being those without any cause where none
         stays, or where no fit without them leads anywhere."""
         kept = [c for c in self.causes if c.name not in names]
@@ -118,7 +118,7 @@ class Found:
         return replace(self, answers=(best, *self.answers[1:]))
 
 
-def find_named(start: Start, options: SearchOptions, tell: Callable[[str], None]) -> Found:
+def find_named(start: StartingFit, options: SearchOptions, tell: Callable[[str], None]) -> FoundCauses:
     """The search, and once more without the rows that belong to nothing."""
     tell("causes")
     base = baseline_of(start)
@@ -129,8 +129,8 @@ def find_named(start: Start, options: SearchOptions, tell: Callable[[str], None]
 
 
 def beside_structures(
-    start: Start, found: Found, options: SearchOptions, tell: Callable[[str], None]
-) -> tuple[Found, tuple[Mistake, ...]]:
+    start: StartingFit, found: FoundCauses, options: SearchOptions, tell: Callable[[str], None]
+) -> tuple[FoundCauses, tuple[Mistake, ...]]:
     """What was found, or what is found with another structure, which then stands beside it: rather that than causes
     that merely do the same, and rather the file's than another one."""
     for structure, other in _structures(start):
@@ -141,7 +141,7 @@ def beside_structures(
     return found, ()
 
 
-def held_out_gain(found: Found, options: SearchOptions) -> HeldOut:
+def held_out_gain(found: FoundCauses, options: SearchOptions) -> HeldOut:
     """Cross-validation of the baseline and of the extended model, in the noise beside them."""
     base, library = found.base, found.library
     how = Search(
@@ -158,20 +158,20 @@ def held_out_gain(found: Found, options: SearchOptions) -> HeldOut:
     return held_out(base.case, closing, found.members, alike, nested, options.seed, options.repeats)
 
 
-def _structures(given: Start) -> list[tuple[Mistake, Start]]:
+def _structures(given: StartingFit) -> list[tuple[Mistake, StartingFit]]:
     """The structure of the arm whose exact fit is compellingly better than that of its file, the likeliest; or none.
 
     A cause may do so too: the two are compared when both were searched beside.
     """
     changes = check_structures(given.experiment, given.readings)
-    tried: list[tuple[float, ConventionChange, Start]] = []
+    tried: list[tuple[float, ConventionChange, StartingFit]] = []
     for change in changes:
         try:
             start = start_of(change.experiment, change.readings)
         except (InputError, NotConverged, NotIdentifiable):
             continue
         tried.append((bic(given.rows, given.fit) - bic(start.rows, start.fit), change, start))
-    out: list[tuple[Mistake, Start]] = []
+    out: list[tuple[Mistake, StartingFit]] = []
     for gain, change, start in sorted(tried, key=lambda t: -t[0])[:1]:
         evidence = 0.5 * gain - float(np.log(len(changes)))
         if evidence > -np.log(_SURE):
@@ -193,14 +193,14 @@ def _structures(given: Start) -> list[tuple[Mistake, Start]]:
     return out
 
 
-def _dearer(one: Found, other: Found) -> float:
+def _dearer(one: FoundCauses, other: FoundCauses) -> float:
     """By how much the BIC of one extended model is above that of another, for the rows that both have left."""
     both = np.intersect1d(one.base.good, other.base.good)
     costs = [bic(f.base.given.take(both), f.extended, np.flatnonzero(np.isin(f.base.good, both))) for f in (one, other)]
     return costs[0] - costs[1]
 
 
-def _searched(base: Baseline, options: SearchOptions) -> Found:
+def _searched(base: Baseline, options: SearchOptions) -> FoundCauses:
     """The library, its answers, best first, and the baseline in the noise that these leave.
 
     Whether anything acts is tested in the noise that the fitted parameters alone leave. What does is then searched for
@@ -210,7 +210,7 @@ def _searched(base: Baseline, options: SearchOptions) -> Found:
     measured = base.rows.mask.ravel()
     scores = family_test(blocks_of(base.case, subspaces), base.fits, base.values, options.seed, measured=measured)
     library = make_library(base.case, base.fit, base.nu, subspaces, scores)
-    plain = Found(base, library, ())
+    plain = FoundCauses(base, library, ())
     answers, fitted = _answers(library, base, options, {})
     for _ in range(_ROUNDS if answers else 0):
         best = answers[0]
@@ -229,7 +229,7 @@ def _searched(base: Baseline, options: SearchOptions) -> Found:
         base, library, answers = again, there, found
         if found[0].subset.members == best.subset.members and size > _SETTLED * before:
             break
-    return Found(base, library, answers, plain)
+    return FoundCauses(base, library, answers, plain)
 
 
 def _answers(library: Library, base: Baseline, options: SearchOptions, before: Refits) -> tuple[list[Answer], Refits]:
@@ -252,7 +252,7 @@ def _answers(library: Library, base: Baseline, options: SearchOptions, before: R
     return [first, *answers[1:]], fitted
 
 
-def _outliers(found: Found) -> Indices:
+def _outliers(found: FoundCauses) -> Indices:
     """Places of rows that belong neither to the model that was found nor to the whole library; at most a tenth."""
     base, fit = found.base, found.extended
     mask, shape = base.rows.mask, (len(base.rows.keep), 3)

@@ -12,7 +12,7 @@ from qsframework.diagnose.baseline import Baseline, fits_beside
 from qsframework.diagnose.learn import LawTrial, foretold, law_trials
 from qsframework.diagnose.linearization.candidates import Cause
 from qsframework.diagnose.linearization.generic_blocks import Block, generic_blocks, motions
-from qsframework.diagnose.named_causes import Found, SearchOptions
+from qsframework.diagnose.named_causes import FoundCauses, SearchOptions
 from qsframework.diagnose.result import Leftover, LikelyPlace, NamedCause
 from qsframework.diagnose.selection.exact_refit import SettledFit
 from qsframework.diagnose.selection.places import Competition, compete
@@ -135,7 +135,7 @@ def _in_place_of(
 
 
 @dataclass(frozen=True, eq=False)
-class Given:
+class GivenCauses:
     """Causes that are given, the exact fit with them, and how places and the other causes compete beside them."""
 
     causes: tuple[Cause, ...]
@@ -143,17 +143,17 @@ class Given:
     race: Competition
 
 
-Beside = Callable[[frozenset[str]], Given]
+Beside = Callable[[frozenset[str]], GivenCauses]
 
 
-def races_of(found: Found) -> Beside:
+def races_of(found: FoundCauses) -> Beside:
     """The race beside some of the names that were found, each made once; beside none where no fit with them leads
     anywhere."""
     base, others = found.base, found.base.visible_causes()
     noise = base.rows.padded_noise
 
     @cache
-    def beside(names: frozenset[str]) -> Given:
+    def beside(names: frozenset[str]) -> GivenCauses:
         causes = tuple(c for c in found.causes if c.name in names)
         fit = base.refit(causes)
         if fit is None:
@@ -163,7 +163,7 @@ def races_of(found: Found) -> Beside:
         values = base.values + (fit.residuals - base.fit.residuals).ravel()
         moved = motions(fit.model, base.rows, fit.x, fit.frames)
         rest = {name: own for name, own in others.items() if name not in names}
-        return Given(causes, fit, compete(moved, fits_beside(base.rows, columns), values, rest))
+        return GivenCauses(causes, fit, compete(moved, fits_beside(base.rows, columns), values, rest))
 
     return beside
 
