@@ -31,7 +31,8 @@ from qsframework.experiment.account import Account
 from qsframework.experiment.columns import Column
 from qsframework.files import FileModel, FileRecord, Unit, fields, measured
 from qsframework.files.formats import FORMAT
-from qsframework.identify import Estimate, FitRecord, Held, Masked, NotEstimated
+from qsframework.identify import Estimate, FitRecord, Held, Masked
+from qsframework.information import NotEstimated
 from qsframework.report.result_json import diagnosis_json
 from qsframework.robot.spec import JointSpec, RobotSpec
 

@@ -32,6 +32,7 @@ PACKAGES: dict[str, tuple[str, ...]] = {
     "qsframework.estimation": ("FitOptions", "Interval", "RankTest", "rank_test"),
     "qsframework.experiment": (),
     "qsframework.information": (
+        "NotEstimated",
         "PredictedUncertainty",
         "information_rows",
         "predicted_beyond",
@@ -40,6 +41,7 @@ PACKAGES: dict[str, tuple[str, ...]] = {
         "sd_of_poses",
         "what_would_help",
     ),
+    "qsframework.hypotheses": (),
     "qsframework.screening": ("Mistake", "adopted", "find_mistakes", "masked"),
     "qsframework.design": (),
     "qsframework.identify": (),

@@ -1,6 +1,5 @@
 from .diagnose import STEPS as STEPS, diagnose as diagnose
 from .foresight import Foresight as Foresight
-from .linearization.candidates import Cause as Cause, find_causes as find_causes
 from .options import LEVEL as LEVEL, DiagnoseOptions as DiagnoseOptions
 from .power import forecast as forecast
 from .result import (

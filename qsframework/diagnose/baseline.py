@@ -9,20 +9,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from qsframework.diagnose.linearization.candidates import Cause, Untested, find_causes
-from qsframework.diagnose.linearization.columns import Case, make_case
 from qsframework.diagnose.residuals.audited_rows import in_noise, repeats, replicates, split_told, visit_noise
 from qsframework.diagnose.residuals.noise_components import NoiseAudit, audit_noise
-from qsframework.diagnose.selection.exact_refit import SettledFit, settle_fit
-from qsframework.diagnose.selection.model_selection import refit
 from qsframework.errors import NotConverged
 from qsframework.estimation import orthonormal, rounding
 from qsframework.estimation.linear_fit import winsorised
 from qsframework.estimation.visit_noise import Reml, reml
 from qsframework.experiment import Experiment, Readings, make_rows, observation_model
 from qsframework.experiment.observations import REACH, ReadingRows, start_values
-from qsframework.identify.selection import at_found_markers
+from qsframework.hypotheses.catalogue.causes import Cause, Untested, find_causes
+from qsframework.hypotheses.columns import Case, make_case
+from qsframework.hypotheses.exact_refit import SettledFit, settle_fit
+from qsframework.hypotheses.search.model_selection import refit
 from qsframework.information.identifiable import in_order
+from qsframework.information.selection import at_found_markers
 from qsframework.plugin import Array, Indices
 
 

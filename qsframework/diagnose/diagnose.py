@@ -17,14 +17,14 @@ from qsframework.diagnose.remaining import Remaining, races_of, with_alternative
 from qsframework.diagnose.residuals.audited_rows import lone_visits, misfit
 from qsframework.diagnose.residuals.noise_components import NoiseAudit
 from qsframework.diagnose.result import Diagnosis, Errors, Method, NamedCause, Value, left_open
-from qsframework.diagnose.selection.cross_validation import HeldOut
-from qsframework.diagnose.selection.exact_refit import SettledFit, predicted_or_linear
-from qsframework.diagnose.selection.search import LARGEST
 from qsframework.diagnose.verdict import ambiguous, verdict_of
 from qsframework.estimation import rms
 from qsframework.experiment import Experiment, Readings, make_rows
 from qsframework.experiment.account import Account, account_of
 from qsframework.experiment.observations import start_values, values_before
+from qsframework.hypotheses.exact_refit import SettledFit, predicted_or_linear
+from qsframework.hypotheses.search.cross_validation import HeldOut
+from qsframework.hypotheses.search.subsets import LARGEST
 from qsframework.identify.pose_spread import check_pose_spread
 from qsframework.option import Seed
 from qsframework.screening import Mistake, adopted, find_mistakes

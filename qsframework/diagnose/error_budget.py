@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.diagnose.linearization.columns import Case
 from qsframework.diagnose.result import Diagnosis
+from qsframework.hypotheses.columns import Case
 from qsframework.plugin import Array
 
 

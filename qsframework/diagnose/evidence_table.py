@@ -8,18 +8,18 @@ from itertools import combinations
 import numpy as np
 
 from qsframework.diagnose.error_budget import linear_errors
-from qsframework.diagnose.linearization.candidates import REACH, Cause, Untested
-from qsframework.diagnose.linearization.columns import Case, Subspace
 from qsframework.diagnose.result import AlternativeCause, Line, NamedCause, Status, Value
-from qsframework.diagnose.selection.alternatives import alternative_set
-from qsframework.diagnose.selection.cross_validation import HeldOut, standard_errors
-from qsframework.diagnose.selection.exact_refit import SettledFit
-from qsframework.diagnose.selection.model_selection import Answer, Library, p_value_of, size_of
-from qsframework.diagnose.selection.principal_angles import angle_matrix, smallest_angles
-from qsframework.diagnose.selection.search import Subset
 from qsframework.estimation import LinearFit
 from qsframework.estimation.projection import solved
 from qsframework.estimation.tails import chi2_isf
+from qsframework.hypotheses.catalogue.causes import REACH, Cause, Untested
+from qsframework.hypotheses.columns import Case, Subspace
+from qsframework.hypotheses.exact_refit import SettledFit
+from qsframework.hypotheses.search.alternatives import alternative_set
+from qsframework.hypotheses.search.cross_validation import HeldOut, standard_errors
+from qsframework.hypotheses.search.model_selection import Answer, Library, p_value_of, size_of
+from qsframework.hypotheses.search.principal_angles import angle_matrix, smallest_angles
+from qsframework.hypotheses.search.subsets import Subset
 from qsframework.plugin import Array, Indices, Parameter
 
 _SIDES = 1.96

@@ -21,14 +21,14 @@ from functools import cached_property
 
 import numpy as np
 
-from qsframework.diagnose.linearization.candidates import Cause
-from qsframework.diagnose.linearization.columns import make_case
-from qsframework.diagnose.linearization.generic_blocks import Motions, motions
-from qsframework.diagnose.linearization.place_motions import VisitGroups, by_group, law_columns, places_of, variables
-from qsframework.diagnose.selection.places import PlaceMotion
 from qsframework.estimation.projection import Flags
 from qsframework.experiment import Experiment, Frame
 from qsframework.experiment.observations import ReadingRows
+from qsframework.hypotheses.catalogue.causes import Cause
+from qsframework.hypotheses.catalogue.generic_laws import Motions, motions
+from qsframework.hypotheses.catalogue.place_motions import VisitGroups, by_group, law_columns, places_of, variables
+from qsframework.hypotheses.columns import make_case
+from qsframework.hypotheses.search.places import PlaceMotion
 from qsframework.plugin import Array, Indices
 
 _DRAWS = 400

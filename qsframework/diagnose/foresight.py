@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
-from qsframework.diagnose.linearization.candidates import Cause, Untested
-from qsframework.diagnose.linearization.columns import Case
 from qsframework.diagnose.unknown import UnknownOutlook
+from qsframework.hypotheses.catalogue.causes import Cause, Untested
+from qsframework.hypotheses.columns import Case
 from qsframework.plugin import Array, Parameter
 
 

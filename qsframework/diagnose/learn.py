@@ -12,16 +12,16 @@ from typing import Any, cast
 
 import numpy as np
 
-from qsframework.diagnose.linearization.candidates import Cause
-from qsframework.diagnose.linearization.generic_blocks import Block, motions
 from qsframework.diagnose.result import LearnedLaw, Leftover
-from qsframework.diagnose.selection.cross_validation import parts_of_poses, standard_errors
-from qsframework.diagnose.selection.evidence import DRAWS, TAUS, prior_of
 from qsframework.elastostatics import Model
 from qsframework.estimation.projection import left
 from qsframework.estimation.variance_component import with_variance
 from qsframework.estimation.visit_noise import Reml
 from qsframework.experiment.observations import ReadingRows
+from qsframework.hypotheses.catalogue.causes import Cause
+from qsframework.hypotheses.catalogue.generic_laws import Block, motions
+from qsframework.hypotheses.search.cross_validation import parts_of_poses, standard_errors
+from qsframework.hypotheses.search.evidence import DRAWS, TAUS, prior_of
 from qsframework.plugin import (
     Array,
     Conditions,

@@ -11,12 +11,12 @@ import numpy as np
 from qsframework.diagnose.baseline import Baseline
 from qsframework.diagnose.learn import shares
 from qsframework.diagnose.likeness import alike
-from qsframework.diagnose.linearization.candidates import Cause, widened
 from qsframework.diagnose.named_causes import FoundCauses, SearchOptions, held_out_gain
 from qsframework.diagnose.remaining import NOTHING, Remaining, remaining_beside
 from qsframework.diagnose.result import LearnedLaw
-from qsframework.diagnose.selection.cross_validation import held_out_average
-from qsframework.diagnose.selection.exact_refit import SettledFit, averaged_fit
+from qsframework.hypotheses.catalogue.causes import Cause, widened
+from qsframework.hypotheses.exact_refit import SettledFit, averaged_fit
+from qsframework.hypotheses.search.cross_validation import held_out_average
 
 _PREDICTS = 0.98
 """Share of the held-out error with some names below which a law stands in their place."""

@@ -11,12 +11,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from qsframework.diagnose.law import Law
-from qsframework.diagnose.linearization.candidates import Cause
-from qsframework.diagnose.linearization.columns import Case
 from qsframework.diagnose.result import Alike
-from qsframework.diagnose.selection.exact_refit import SettledFit
 from qsframework.estimation import left, orthonormal
+from qsframework.hypotheses.catalogue.causes import Cause
+from qsframework.hypotheses.catalogue.law import Law
+from qsframework.hypotheses.columns import Case
+from qsframework.hypotheses.exact_refit import SettledFit
 from qsframework.plugin import RobotFacts, SpringLaw
 from qsframework.plugin.settings import place_fields
 

@@ -18,14 +18,17 @@ from qsframework.diagnose.baseline import (
     start_of,
     without_rows,
 )
-from qsframework.diagnose.linearization.candidates import Cause
 from qsframework.diagnose.options import LIBRARY_SHARE
 from qsframework.diagnose.residuals.audited_rows import bic, far_from_linear, find_outliers, library_basis
 from qsframework.diagnose.residuals.noise_components import visible
-from qsframework.diagnose.selection.cross_validation import HeldOut, Search, held_out
-from qsframework.diagnose.selection.exact_refit import SettledFit
-from qsframework.diagnose.selection.family_test import family_test
-from qsframework.diagnose.selection.model_selection import (
+from qsframework.errors import InputError, NotConverged, NotIdentifiable
+from qsframework.estimation import orthonormal, rms
+from qsframework.hypotheses.catalogue.causes import Cause
+from qsframework.hypotheses.catalogue.conventions import ConventionChange
+from qsframework.hypotheses.exact_refit import SettledFit
+from qsframework.hypotheses.search.cross_validation import HeldOut, Search, held_out
+from qsframework.hypotheses.search.family_test import family_test
+from qsframework.hypotheses.search.model_selection import (
     Answer,
     Library,
     Refits,
@@ -36,12 +39,9 @@ from qsframework.diagnose.selection.model_selection import (
     most_plausible,
     refit,
 )
-from qsframework.diagnose.selection.search import parts_of
-from qsframework.errors import InputError, NotConverged, NotIdentifiable
-from qsframework.estimation import orthonormal, rms
+from qsframework.hypotheses.search.subsets import parts_of
 from qsframework.plugin import Indices
 from qsframework.screening import Mistake
-from qsframework.screening.convention_changes import ConventionChange
 from qsframework.screening.conventions import check_structures, fits_better
 
 _OUTLIERS = 0.01

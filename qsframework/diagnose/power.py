@@ -17,17 +17,17 @@ import numpy as np
 
 from qsframework.arguments import checked
 from qsframework.diagnose.foresight import DetectableSize, Foresight, Outlook, Pair, PowerCurve, Prospect, Why
-from qsframework.diagnose.linearization.candidates import REACH, Cause, find_causes, widened
-from qsframework.diagnose.linearization.columns import Case, Subspace, plan_case
 from qsframework.diagnose.options import LEVEL, LIBRARY_SHARE
-from qsframework.diagnose.selection.family_test import FamilyBlock, chance
-from qsframework.diagnose.selection.principal_angles import alias_classes, angle_matrix, named_from
 from qsframework.diagnose.unknown import unknown_outlook
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
 from qsframework.estimation import rank_test
 from qsframework.estimation.tails import chi2_isf
 from qsframework.experiment import Experiment, Plan
+from qsframework.hypotheses.catalogue.causes import REACH, Cause, find_causes, widened
+from qsframework.hypotheses.columns import Case, Subspace, plan_case
+from qsframework.hypotheses.search.family_test import FamilyBlock, chance
+from qsframework.hypotheses.search.principal_angles import alias_classes, angle_matrix, named_from
 from qsframework.information import loss_words, predicted_sd
 from qsframework.plugin import Array, Indices, Poses
 from qsframework.work import HERE, Work, run

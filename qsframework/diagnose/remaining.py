@@ -10,13 +10,8 @@ import numpy as np
 
 from qsframework.diagnose.baseline import Baseline, fits_beside
 from qsframework.diagnose.learn import LawTrial, foretold, law_trials
-from qsframework.diagnose.linearization.candidates import Cause
-from qsframework.diagnose.linearization.generic_blocks import Block, generic_blocks, motions
 from qsframework.diagnose.named_causes import FoundCauses, SearchOptions
-from qsframework.diagnose.result import Leftover, LikelyPlace, NamedCause
-from qsframework.diagnose.selection.exact_refit import SettledFit
-from qsframework.diagnose.selection.places import Competition, compete
-from qsframework.diagnose.selection.remaining_signal import (
+from qsframework.diagnose.remaining_signal import (
     Likely,
     finest,
     named_in,
@@ -24,8 +19,14 @@ from qsframework.diagnose.selection.remaining_signal import (
     open_alternative,
     remaining_signal,
 )
+from qsframework.diagnose.result import Leftover, NamedCause
 from qsframework.estimation import orthonormal
 from qsframework.estimation.linear_fit import winsorised
+from qsframework.hypotheses.catalogue.causes import Cause
+from qsframework.hypotheses.catalogue.generic_laws import Block, generic_blocks, motions
+from qsframework.hypotheses.catalogue.law import LikelyPlace
+from qsframework.hypotheses.exact_refit import SettledFit
+from qsframework.hypotheses.search.places import Competition, compete
 from qsframework.plugin import Array
 
 _ROUNDED = 0.5

@@ -9,20 +9,20 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from qsframework.diagnose.law import Law
+from qsframework.hypotheses.catalogue.law import Law, LikelyPlace
 from qsframework.plugin import Array, Indices, Parameter
 from qsframework.viewed import Viewed
 
 if TYPE_CHECKING:
-    from qsframework.diagnose.linearization.candidates import Cause
-    from qsframework.diagnose.linearization.columns import Case
     from qsframework.diagnose.residuals.lack_of_fit import LackOfFit
     from qsframework.diagnose.residuals.noise_components import NoiseAudit
-    from qsframework.diagnose.selection.cross_validation import HeldOut
-    from qsframework.diagnose.selection.exact_refit import SettledFit
-    from qsframework.diagnose.selection.places import Competition
     from qsframework.experiment import Experiment, Readings
     from qsframework.experiment.account import Account
+    from qsframework.hypotheses.catalogue.causes import Cause
+    from qsframework.hypotheses.columns import Case
+    from qsframework.hypotheses.exact_refit import SettledFit
+    from qsframework.hypotheses.search.cross_validation import HeldOut
+    from qsframework.hypotheses.search.places import Competition
     from qsframework.screening import Mistake
 
 _PLAIN = 9e-4
@@ -73,22 +73,6 @@ class Leftover:
     law: Law
     p_value: float
     evidence: float
-
-
-@dataclass(frozen=True)
-class LikelyPlace:
-    """A place of what is left: its likeliest law, without factors where it differs at each visit; its share of the
-    evidence; how far it moves (sd over the visits, rad or m); and the places that move the markers alike."""
-
-    law: Law
-    share: float
-    sd: float = float("nan")
-    equivalent: tuple[Law, ...] = ()
-
-    @property
-    def wheres(self) -> set[tuple[str, str]]:
-        """Of itself and its equivalents."""
-        return {self.law.where, *(law.where for law in self.equivalent)}
 
 
 @dataclass(frozen=True, kw_only=True)

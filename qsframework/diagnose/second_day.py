@@ -14,15 +14,15 @@ import numpy as np
 from qsframework.arguments import checked
 from qsframework.design import Candidates, generate_candidates
 from qsframework.diagnose.explanations import Explanations, Foretold, Suspect, foretold, motions_at
-from qsframework.diagnose.linearization.candidates import Cause
 from qsframework.diagnose.mounts import Mount, mounted, mounts_of, of_gauges
 from qsframework.diagnose.result import Diagnosis
-from qsframework.diagnose.selection.places import PlaceMotion
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, LoadCase, Plan, make_plan, make_rows
 from qsframework.experiment.readings import joined
 from qsframework.experiment.simulate import planned_readings
 from qsframework.experiment.stations import station_frame
+from qsframework.hypotheses.catalogue.causes import Cause
+from qsframework.hypotheses.search.places import PlaceMotion
 from qsframework.plugin import Array, Indices, Poses
 from qsframework.plugin.facts import frozen
 

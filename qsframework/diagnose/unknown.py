@@ -16,16 +16,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from qsframework.diagnose.explanations import Foretold, Suspect, foretold, motions_at, seen_evidence, winners
-from qsframework.diagnose.law import Law
-from qsframework.diagnose.linearization.generic_blocks import Motions
-from qsframework.diagnose.linearization.place_motions import law_columns, places_of, variables
 from qsframework.diagnose.mounts import Mount, mounted, mounts_of, of_gauges
-from qsframework.diagnose.selection.places import PlaceMotion
 from qsframework.estimation import left, orthonormal
 from qsframework.estimation.projection import Flags
 from qsframework.experiment import Experiment, Plan, make_rows
 from qsframework.experiment.simulate import planned_readings
 from qsframework.experiment.stations import station_frame
+from qsframework.hypotheses.catalogue.generic_laws import Motions
+from qsframework.hypotheses.catalogue.law import Law
+from qsframework.hypotheses.catalogue.place_motions import law_columns, places_of, variables
+from qsframework.hypotheses.search.places import PlaceMotion
 from qsframework.plugin import Array
 
 SIZE = 10.0

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from qsframework.diagnose.residuals.lack_of_fit import LackOfFit
 from qsframework.diagnose.residuals.noise_components import NoiseAudit
 from qsframework.diagnose.result import Leftover, NamedCause, Verdict
-from qsframework.diagnose.selection.model_selection import Library
+from qsframework.hypotheses.search.model_selection import Library
 
 _MISFIT = 1e-3
 """p-value of the lack of fit below which no name is final; the noise has been audited before."""

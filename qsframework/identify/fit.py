@@ -15,7 +15,7 @@ from qsframework.experiment import ObservationModel, Readings, make_rows
 from qsframework.experiment.readings import Alignment, Made
 from qsframework.identify.columns import ERRORS
 from qsframework.identify.record import FitRecord
-from qsframework.identify.selection import NotEstimated
+from qsframework.information.selection import NotEstimated
 from qsframework.plugin import Array, Indices
 from qsframework.viewed import Viewed
 

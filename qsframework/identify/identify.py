@@ -37,10 +37,10 @@ from qsframework.identify.held import held_at_nominal
 from qsframework.identify.load_error import load_columns, load_sds
 from qsframework.identify.pose_spread import check_pose_spread
 from qsframework.identify.record import Masked
-from qsframework.identify.selection import NotEstimated, at_found_markers, held_of, identifiable_names, kinds_of
 from qsframework.identify.two_step import two_step
 from qsframework.information import what_would_help
 from qsframework.information.identifiable import in_order
+from qsframework.information.selection import NotEstimated, at_found_markers, held_of, identifiable_names, kinds_of
 from qsframework.plugin import Array, Geometry
 from qsframework.screening import SHARE, Finding, Mistake, adopted, find_mistakes, find_outliers, told_outliers
 from qsframework.work.threads import on_one_thread

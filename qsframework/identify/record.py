@@ -36,7 +36,7 @@ from qsframework.files.plain import is_list
 from qsframework.identify.columns import values_of
 from qsframework.identify.estimate import Estimate
 from qsframework.identify.held import Held
-from qsframework.identify.selection import NotEstimated
+from qsframework.information.selection import NotEstimated
 from qsframework.plausible import allowed, beyond
 from qsframework.plugin import Array
 from qsframework.plugin.registry import replaced

@@ -4,6 +4,7 @@ from .certificate import (
     bound_of as bound_of,
     everything as everything,
 )
+from .identifiable import NotEstimated as NotEstimated
 from .promise import PredictedUncertainty as PredictedUncertainty, predicted_uncertainties as predicted_uncertainties
 from .rows import (
     CandidateRows as CandidateRows,

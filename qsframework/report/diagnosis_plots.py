@@ -15,9 +15,9 @@ from qsframework.diagnose.learn import curve, dots
 from qsframework.diagnose.options import LIBRARY_SHARE
 from qsframework.diagnose.power import detection_rate, threshold
 from qsframework.diagnose.result import Diagnosis, LearnedLaw
-from qsframework.diagnose.selection.family_test import FamilyBlock, chance
-from qsframework.diagnose.selection.principal_angles import alias_classes, angle_matrix
 from qsframework.experiment import make_rows
+from qsframework.hypotheses.search.family_test import FamilyBlock, chance
+from qsframework.hypotheses.search.principal_angles import alias_classes, angle_matrix
 from qsframework.plugin import Array
 from qsframework.report import power_section
 from qsframework.report.blocks import Figure, ReportTable

@@ -1,9 +1,9 @@
 """What is wrong with a table of readings: mistakes, rows that cannot be right, gross errors."""
 
+from qsframework.hypotheses.catalogue.rows import LEVEL, Finding, masked
+from qsframework.hypotheses.outliers import SHARE, find_outliers, told_outliers
 from qsframework.screening.check import find_mistakes
 from qsframework.screening.mistake import SUSPECTED, Mistake, adopted
-from qsframework.screening.outliers import SHARE, find_outliers, told_outliers
-from qsframework.screening.rows import LEVEL, Finding, masked
 
 __all__ = [
     "LEVEL",

@@ -15,16 +15,16 @@ import numpy as np
 from qsframework.arguments import checked
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
 from qsframework.experiment import Experiment, Readings, make_rows
+from qsframework.hypotheses.catalogue.logging_faults import tool_misfit
+from qsframework.hypotheses.catalogue.rigidity import marker_rigidity
+from qsframework.hypotheses.catalogue.rounded import rounded_angles
+from qsframework.hypotheses.catalogue.rows import LEVEL, Finding, copies, finding, lines, masked, unread
+from qsframework.hypotheses.linearized import Linearized, at_solution, linearized
+from qsframework.hypotheses.outliers import find_outliers, told_outliers
+from qsframework.hypotheses.standing_out import stand_out
 from qsframework.plugin import Indices
 from qsframework.screening.conventions import overloads, single_rows, suspicions, whole_table
-from qsframework.screening.linearized import Linearized, at_solution, linearized
-from qsframework.screening.logging_faults import tool_misfit
 from qsframework.screening.mistake import Mistake
-from qsframework.screening.outliers import find_outliers, told_outliers
-from qsframework.screening.rigidity import marker_rigidity
-from qsframework.screening.rounded import rounded_angles
-from qsframework.screening.rows import LEVEL, Finding, copies, finding, lines, masked, unread
-from qsframework.screening.standing_out import stand_out
 
 _MOST = 6
 """Mistakes of one file that are looked for."""

@@ -15,9 +15,8 @@ from qsframework.errors import InputError, NotIdentifiable
 from qsframework.estimation import LinearFit, rms, scales
 from qsframework.experiment import Experiment, Frame, Readings, make_rows, observation_model
 from qsframework.experiment.observations import start_values
-from qsframework.plugin import Indices, Spring
-from qsframework.screening.blocks import FRAME, in_frame
-from qsframework.screening.convention_changes import (
+from qsframework.hypotheses.catalogue.blocks import FRAME, in_frame
+from qsframework.hypotheses.catalogue.conventions import (
     ConventionChange,
     aligned,
     angle_units,
@@ -34,14 +33,15 @@ from qsframework.screening.convention_changes import (
     tracker_axes,
     value_units,
 )
+from qsframework.hypotheses.catalogue.logging_faults import exchanges, late_angles
+from qsframework.hypotheses.catalogue.marker_constant import marker_constant
+from qsframework.hypotheses.catalogue.rows import among, file_of, lines
+from qsframework.hypotheses.catalogue.runs import MOST_OF_IT, NEAR_NOISE, run_of_rows
+from qsframework.hypotheses.linearized import Estimates, Linearized, linearized, of_observations, other_readings
+from qsframework.hypotheses.standing_out import Standing, agreement, stand_out
+from qsframework.plugin import Indices, Spring
 from qsframework.screening.edit_words import mistake_words
-from qsframework.screening.linearized import Estimates, Linearized, linearized, of_observations, other_readings
-from qsframework.screening.logging_faults import exchanges, late_angles
-from qsframework.screening.marker_constant import marker_constant
 from qsframework.screening.mistake import Mistake, Moved
-from qsframework.screening.rows import among, file_of, lines
-from qsframework.screening.runs import MOST_OF_IT, NEAR_NOISE, run_of_rows
-from qsframework.screening.standing_out import Standing, agreement, stand_out
 from qsframework.screening.table_mistakes import Mend, table_mistakes
 
 LEVEL = 1e-4

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from qsframework.experiment import Readings
-from qsframework.screening.blocks import FORCE, FRAME, LOST
-from qsframework.screening.edits import DECIMAL, MISSING, OFF, OTHER, SIGN, UNIT, Edit
-from qsframework.screening.rows import lines
+from qsframework.hypotheses.catalogue.blocks import FORCE, FRAME, LOST
+from qsframework.hypotheses.catalogue.edits import DECIMAL, MISSING, OFF, OTHER, SIGN, UNIT, Edit
+from qsframework.hypotheses.catalogue.rows import lines
 from qsframework.screening.table_mistakes import Mend
 
 _SLIPS = {

@@ -12,9 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from qsframework.plugin import Array
-from qsframework.screening.blocks import block
-from qsframework.screening.edits import (
+from qsframework.hypotheses.catalogue.blocks import block
+from qsframework.hypotheses.catalogue.edits import (
     MISSING,
     OFF,
     Edit,
@@ -36,7 +35,8 @@ from qsframework.screening.edits import (
     with_angle,
     with_force,
 )
-from qsframework.screening.standing_out import Standing
+from qsframework.hypotheses.standing_out import Standing
+from qsframework.plugin import Array
 
 _LEAST = 49.0
 """Fall of the sum of squares, in squares of the noise, below which no mistake is called: s = 7."""

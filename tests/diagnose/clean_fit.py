@@ -8,8 +8,8 @@ from typing import Any
 from independent import Campaign, Setting, noisy, write_campaign
 from independent_arm import Arm, Hidden
 
-from qsframework.diagnose.selection.exact_refit import SettledFit, settle_fit
 from qsframework.experiment import Experiment, ReadingRows, load_experiment, make_rows, read_readings
+from qsframework.hypotheses.exact_refit import SettledFit, settle_fit
 
 
 def clean_fit(arm: Arm, folder: Path, **setting: Any) -> tuple[Experiment, ReadingRows, SettledFit]:

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 from qsframework.diagnose import Diagnosis, diagnose
-from qsframework.diagnose.linearization import candidates
-from qsframework.diagnose.linearization.candidates import find_causes
 from qsframework.diagnose.result import AlternativeCause, NamedCause, Status
-from qsframework.diagnose.selection import model_selection
 from qsframework.diagnose.verdict import ambiguous
 from qsframework.errors import InputError, NotConverged
 from qsframework.experiment import Readings, make_rows
+from qsframework.hypotheses.catalogue import causes
+from qsframework.hypotheses.catalogue.causes import find_causes
+from qsframework.hypotheses.search import model_selection
 from qsframework.plugin import Array, At, Conditions, Context, LawTerm, Parameter, RobotFacts, SpringLaw, place
 from qsframework.report.result_json import diagnosis_json
 from qsframework.report.words.diagnosis import diagnosis_words, limit_words
@@ -41,8 +41,8 @@ BEARINGS = ("offaxis_compliance", "link_compliance", "flange_compliance")
 
 def few(monkeypatch: pytest.MonkeyPatch, kinds: Sequence[str]) -> None:
     """A library of these kinds, which takes a fraction of the time of the whole one."""
-    known = {name: candidates.registry()[name] for name in kinds}
-    monkeypatch.setattr(candidates, "registry", lambda: known)
+    known = {name: causes.registry()[name] for name in kinds}
+    monkeypatch.setattr(causes, "registry", lambda: known)
 
 
 @pytest.fixture(scope="module")
@@ -195,8 +195,8 @@ def test_an_effect_is_tried_only_where_the_robot_can_have_it(
     twisted: Readings, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before, _ = find_causes(campaign(), campaign().fit_names(), twisted.poses)
-    known = dict(candidates.registry()) | {"second_gear": SecondGear}
-    monkeypatch.setattr(candidates, "registry", lambda: known)
+    known = dict(causes.registry()) | {"second_gear": SecondGear}
+    monkeypatch.setattr(causes, "registry", lambda: known)
     after, _ = find_causes(campaign(), campaign().fit_names(), twisted.poses)
     assert {c.name for c in after} - {c.name for c in before} == {"second_gear[joint_2]"}
     assert {c.name for c in before} <= {c.name for c in after}

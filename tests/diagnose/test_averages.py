@@ -9,12 +9,12 @@ import pytest
 from independent_arm import HEAVY
 
 from qsframework.diagnose.learn import shares
-from qsframework.diagnose.linearization.candidates import find_causes, widened
-from qsframework.diagnose.linearization.columns import Case, make_case
-from qsframework.diagnose.selection.cross_validation import folds, held_out_average
-from qsframework.diagnose.selection.exact_refit import SettledFit, averaged_fit
-from qsframework.diagnose.selection.model_selection import refit
 from qsframework.experiment import ReadingRows
+from qsframework.hypotheses.catalogue.causes import find_causes, widened
+from qsframework.hypotheses.columns import Case, make_case
+from qsframework.hypotheses.exact_refit import SettledFit, averaged_fit
+from qsframework.hypotheses.search.cross_validation import folds, held_out_average
+from qsframework.hypotheses.search.model_selection import refit
 from qsframework.plugin import Array
 from tests.diagnose.clean_fit import clean_fit
 

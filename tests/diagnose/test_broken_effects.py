@@ -57,7 +57,7 @@ class Fragile(Geometry):
 def test_a_diagnosis_names_the_effect_that_fails(fault: str, said: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Fragile, "fault", fault)
     every = MappingProxyType({**registry(), "fragile": Fragile})
-    asked = sys.modules["qsframework.diagnose.linearization.candidates"]
+    asked = sys.modules["qsframework.hypotheses.catalogue.causes"]
     monkeypatch.setattr(asked, "registry", lambda: every)
     experiment = load_experiment(example("hidden_effect") / "experiment.yaml")
     assert experiment.data is not None

@@ -11,8 +11,8 @@ import scipy.stats
 
 from qsframework.diagnose import Diagnosis
 from qsframework.diagnose.error_budget import linear_errors
-from qsframework.diagnose.linearization.columns import Case
-from qsframework.diagnose.selection.cross_validation import standard_errors
+from qsframework.hypotheses.columns import Case
+from qsframework.hypotheses.search.cross_validation import standard_errors
 from qsframework.plugin import Array
 from qsframework.report.diagnosis_tables import cause_table, verdict_groups
 from qsframework.report.result_json import diagnosis_json

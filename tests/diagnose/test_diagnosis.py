@@ -121,19 +121,19 @@ def test_a_strangers_effect_takes_part_without_further_work(monkeypatch: pytest.
         def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[WornTeeth, ...]:
             return tuple(cls(joint) for joint in robot.joints)
 
-    from qsframework.diagnose.linearization import candidates
+    from qsframework.hypotheses.catalogue import causes
 
     gears = ("joint_hardening", "joint_backlash", "gear_flank", "gear_waves", "offaxis_compliance", "link_compliance")
-    built_in = {name: candidates.registry()[name] for name in gears}
+    built_in = {name: causes.registry()[name] for name in gears}
     known = built_in | {"worn_teeth": WornTeeth}
-    monkeypatch.setattr(candidates, "registry", lambda: known)
+    monkeypatch.setattr(causes, "registry", lambda: known)
     hidden = WornTeeth("joint_4")
     readings = measured((hidden,), {hidden.name: 1.2e-7}, seed=8, count=30)
     found = diagnose(campaign(), readings, repeats=1)
     assert [f.name for f in found.findings] == ["worn_teeth[joint_4]"], diagnosis_words(found)
     (value,) = found.findings[0].values
     assert abs(value.value - 1.2e-7) < 4.0 * value.sd
-    monkeypatch.setattr(candidates, "registry", lambda: built_in)
+    monkeypatch.setattr(causes, "registry", lambda: built_in)
     without = diagnose(campaign(), readings, repeats=1)
     assert without.verdict != "none"
     assert "worn_teeth[joint_4]" not in [f.name for f in without.findings]

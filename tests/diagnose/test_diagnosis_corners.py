@@ -17,13 +17,14 @@ from qsframework.diagnose.power import Bench
 from qsframework.diagnose.residuals.audited_rows import split_told
 from qsframework.diagnose.residuals.lack_of_fit import LackOfFit, arm_axes, variables_of
 from qsframework.diagnose.residuals.noise_components import visible
-from qsframework.diagnose.selection.family_test import FamilyBlock, family_test
-from qsframework.diagnose.selection.search import Gram
 from qsframework.diagnose.verdict import misfits, verdict_of
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
 from qsframework.estimation import Independent
 from qsframework.estimation.visit_noise import VisitNoise, reml
 from qsframework.experiment import make_rows, observation_model
+from qsframework.hypotheses.catalogue.conventions import couplings
+from qsframework.hypotheses.search.family_test import FamilyBlock, family_test
+from qsframework.hypotheses.search.subsets import Gram
 from qsframework.plugin import Poses
 from qsframework.plugin.facts import frozen
 from qsframework.report.words.diagnosis import diagnosis_words
@@ -32,7 +33,6 @@ from qsframework.report.words.headline import worst_poses
 from qsframework.report.words.next_steps import next_steps
 from qsframework.report.words.noise import misfit_words
 from qsframework.report.words.sizes import three, two
-from qsframework.screening.convention_changes import couplings
 from tests.diagnose.cases import SIGMA, campaign, measured, poses, quiet
 
 
@@ -179,7 +179,7 @@ def test_what_no_place_explains_is_said_with_where_it_is_and_what_would_tell() -
 def test_an_arm_has_no_couplings_without_their_effect(monkeypatch: pytest.MonkeyPatch) -> None:
     data = measured(count=6)
     assert sum(1 for _ in couplings(campaign(), data)) >= 2
-    monkeypatch.setattr(import_module("qsframework.screening.convention_changes"), "with_role", lambda _: ())
+    monkeypatch.setattr(import_module("qsframework.hypotheses.catalogue.conventions"), "with_role", lambda _: ())
     assert list(couplings(campaign(), data)) == []
 
 

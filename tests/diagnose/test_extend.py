@@ -15,10 +15,10 @@ import yaml
 
 from qsframework.diagnose import Diagnosis
 from qsframework.diagnose.extend import Extension, of_arm, write_extension
-from qsframework.diagnose.linearization.candidates import Cause, proposed, widened
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, load_experiment, make_rows, read_plan, read_readings, simulate
 from qsframework.files import read_yaml
+from qsframework.hypotheses.catalogue.causes import Cause, proposed, widened
 from qsframework.plugin import Conditions, Effect, Poses, registry
 from qsframework.report.extended import extension_of
 from tests.diagnose.cases import quiet, reversed_sign

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from qsframework.diagnose.selection.family_test import FamilyBlock, family_test
 from qsframework.estimation import grouped
 from qsframework.estimation.linear_fit import winsorised
 from qsframework.estimation.visit_noise import RHOS, Reml, VisitNoise, reml
+from qsframework.hypotheses.search.family_test import FamilyBlock, family_test
 from qsframework.plugin import Array
 
 LEVEL, RUNS, MARKERS, FITTED = 0.024, 150, 3, 9

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from qsframework.diagnose.law import Law
-from qsframework.diagnose.linearization.generic_blocks import Block
+from qsframework.diagnose.remaining_signal import Likely, finest
 from qsframework.diagnose.result import Leftover
-from qsframework.diagnose.selection.remaining_signal import Likely, finest
+from qsframework.hypotheses.catalogue.generic_laws import Block
+from qsframework.hypotheses.catalogue.law import Law
 from qsframework.plugin import find
 
 _EFFECT = find("learned")(at="joint_1", by="order", first=0.0, last=1.0)

@@ -10,11 +10,11 @@ import pytest
 from independent_arm import COILED, LOOP, SEVEN, Arm
 
 from qsframework.diagnose.learn import effects_of
-from qsframework.diagnose.linearization.candidates import Cause
-from qsframework.diagnose.linearization.columns import make_case
-from qsframework.diagnose.linearization.generic_blocks import Block, generic_blocks, motions, single_axes
-from qsframework.diagnose.selection.exact_refit import SettledFit
 from qsframework.experiment import Experiment, ReadingRows
+from qsframework.hypotheses.catalogue.causes import Cause
+from qsframework.hypotheses.catalogue.generic_laws import Block, generic_blocks, motions, single_axes
+from qsframework.hypotheses.columns import make_case
+from qsframework.hypotheses.exact_refit import SettledFit
 from qsframework.plugin import build_effects
 from qsframework.plugin.entry import effect_entry
 from tests.diagnose.clean_fit import clean_fit

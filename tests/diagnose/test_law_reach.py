@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from qsframework.diagnose.law import Law, Part
+from qsframework.hypotheses.catalogue.law import Law, Part
 from qsframework.report.words.law import moving_words
 from qsframework.robot import load_robot
 

@@ -10,8 +10,8 @@ from independent_arm import HEAVY
 
 from qsframework.diagnose.baseline import fits_beside
 from qsframework.diagnose.learn import law_trials
-from qsframework.diagnose.linearization.generic_blocks import generic_blocks, motions
 from qsframework.diagnose.result import Leftover
+from qsframework.hypotheses.catalogue.generic_laws import generic_blocks, motions
 from tests.diagnose.clean_fit import clean_fit
 
 

@@ -9,10 +9,11 @@ import pytest
 from independent_arm import COILED, SEVEN, Arm
 
 from qsframework.diagnose.baseline import fits_beside
-from qsframework.diagnose.law import Law
-from qsframework.diagnose.linearization.generic_blocks import Motions, motions
-from qsframework.diagnose.linearization.place_motions import Place, law_columns, places_of, variables, visits_of
-from qsframework.diagnose.selection.places import (
+from qsframework.estimation.visit_noise import Reml
+from qsframework.hypotheses.catalogue.generic_laws import Motions, motions
+from qsframework.hypotheses.catalogue.law import Law
+from qsframework.hypotheses.catalogue.place_motions import Place, law_columns, places_of, variables, visits_of
+from qsframework.hypotheses.search.places import (
     Competition,
     _free,  # pyright: ignore[reportPrivateUsage]
     _likelihood,  # pyright: ignore[reportPrivateUsage]
@@ -22,7 +23,6 @@ from qsframework.diagnose.selection.places import (
     _with_law,  # pyright: ignore[reportPrivateUsage]
     compete,
 )
-from qsframework.estimation.visit_noise import Reml
 from qsframework.plugin import Array
 from tests.diagnose.clean_fit import clean_fit
 

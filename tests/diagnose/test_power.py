@@ -8,7 +8,6 @@ import pytest
 
 from qsframework.design import generate_candidates
 from qsframework.diagnose.foresight import Outlook
-from qsframework.diagnose.linearization.candidates import find_causes, widened
 from qsframework.diagnose.power import (
     Bench,
     detection_rate,
@@ -17,9 +16,10 @@ from qsframework.diagnose.power import (
     needed_size,
     threshold,
 )
-from qsframework.diagnose.selection.family_test import log_p_values
 from qsframework.errors import InputError, NotIdentifiable
 from qsframework.experiment import example, load_experiment
+from qsframework.hypotheses.catalogue.causes import find_causes, widened
+from qsframework.hypotheses.search.family_test import log_p_values
 from qsframework.plugin import Poses
 from qsframework.report.result_json import foresight_json
 from qsframework.report.words.forecast import foresight_words, smallest_words, why_words

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import subspace_angles
 
-from qsframework.diagnose.selection.principal_angles import (
+from qsframework.hypotheses.search.principal_angles import (
     alias_classes,
     angle_matrix,
     mistaken,

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from qsframework.diagnose.linearization.candidates import find_causes
-from qsframework.diagnose.selection.exact_refit import SettledFit, settle_fit
-from qsframework.diagnose.selection.model_selection import _beyond, refit  # pyright: ignore[reportPrivateUsage]
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
 from qsframework.experiment import ReadingRows, Readings, make_rows
+from qsframework.hypotheses.catalogue.causes import find_causes
+from qsframework.hypotheses.exact_refit import SettledFit, settle_fit
+from qsframework.hypotheses.search.model_selection import _beyond, refit  # pyright: ignore[reportPrivateUsage]
 from qsframework.plugin import Array
 from qsframework.plugin.facts import frozen
 from tests.diagnose.cases import campaign, measured, unstable

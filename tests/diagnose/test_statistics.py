@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 
 from qsframework.diagnose.evidence_table import hangs_on
-from qsframework.diagnose.law import Law
-from qsframework.diagnose.linearization.candidates import REACH, find_causes
-from qsframework.diagnose.linearization.columns import Case, Subspace, plan_case
-from qsframework.diagnose.linearization.generic_blocks import Motions, generic_blocks, motions
-from qsframework.diagnose.selection.alternatives import alternative_set
-from qsframework.diagnose.selection.evidence import TAUS, evidence
-from qsframework.diagnose.selection.family_test import FamilyBlock, chance, family_test, log_p_values
-from qsframework.diagnose.selection.model_selection import blocks_of
-from qsframework.diagnose.selection.remaining_signal import NamedEffect, open_alternative, remaining_signal
-from qsframework.diagnose.selection.search import Gram, Subset, make_gram, search
+from qsframework.diagnose.remaining_signal import NamedEffect, open_alternative, remaining_signal
 from qsframework.estimation.noise import Independent, grouped
 from qsframework.estimation.visit_noise import RHOS, Reml, VisitNoise, reml
 from qsframework.experiment import make_rows
 from qsframework.experiment.simulate import displaced
+from qsframework.hypotheses.catalogue.causes import REACH, find_causes
+from qsframework.hypotheses.catalogue.generic_laws import Motions, generic_blocks, motions
+from qsframework.hypotheses.catalogue.law import Law
+from qsframework.hypotheses.columns import Case, Subspace, plan_case
+from qsframework.hypotheses.search.alternatives import alternative_set
+from qsframework.hypotheses.search.evidence import TAUS, evidence
+from qsframework.hypotheses.search.family_test import FamilyBlock, chance, family_test, log_p_values
+from qsframework.hypotheses.search.model_selection import blocks_of
+from qsframework.hypotheses.search.subsets import Gram, Subset, make_gram, search
 from qsframework.plugin import Array, Poses
 from qsframework.plugin.facts import frozen
 from tests.diagnose.cases import SIGMA, campaign, poses

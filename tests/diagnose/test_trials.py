@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from qsframework.diagnose import Diagnosis, diagnose
-from qsframework.diagnose.law import Law
 from qsframework.experiment import load_experiment, read_readings
+from qsframework.hypotheses.catalogue.law import Law
 from qsframework.plugin import find
 from qsframework.report.extended import extension_of
 from qsframework.report.words.diagnosis import diagnosis_words

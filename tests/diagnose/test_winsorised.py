@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from qsframework.diagnose.selection.family_test import family_test
-from qsframework.diagnose.selection.model_selection import blocks_of
 from qsframework.estimation import orthonormal
 from qsframework.estimation.linear_fit import winsorised
+from qsframework.hypotheses.search.family_test import family_test
+from qsframework.hypotheses.search.model_selection import blocks_of
 from tests.diagnose.cases import SIGMA
 from tests.diagnose.test_statistics import linear, lone
 

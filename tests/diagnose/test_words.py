@@ -14,10 +14,10 @@ import pytest
 
 from qsframework.cli.diagnose import print_diagnosis
 from qsframework.diagnose import Diagnosis, diagnose
-from qsframework.diagnose.law import Law
-from qsframework.diagnose.result import Leftover, LikelyPlace, NamedCause, Status
+from qsframework.diagnose.result import Leftover, NamedCause, Status
 from qsframework.experiment import differences
 from qsframework.experiment.setup import StatedNoise
+from qsframework.hypotheses.catalogue.law import Law, LikelyPlace
 from qsframework.report.diagnosis_section import diagnosis_sections
 from qsframework.report.diagnosis_tables import (
     FOLDED,

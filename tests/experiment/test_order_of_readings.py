@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from qsframework.diagnose.linearization.candidates import find_causes
 from qsframework.experiment import Experiment, make_plan, make_rows, read_readings, simulate, write_readings
 from qsframework.experiment.readings import joined
+from qsframework.hypotheses.catalogue.causes import find_causes
 from qsframework.identify import identify
 from qsframework.plugin import Array, Conditions, Poses, build_effects
 from qsframework.plugin.facts import came_from

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from qsframework.diagnose.explanations import motions_at
-from qsframework.diagnose.linearization.candidates import find_causes
-from qsframework.diagnose.linearization.columns import plan_case
-from qsframework.diagnose.linearization.place_motions import places_of
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, example, load_experiment, make_plan, make_rows
 from qsframework.experiment.simulate import planned_readings
+from qsframework.hypotheses.catalogue.causes import find_causes
+from qsframework.hypotheses.catalogue.place_motions import places_of
+from qsframework.hypotheses.columns import plan_case
 from qsframework.plugin import Poses
 from tests.diagnose.cases import poses as some_poses
 

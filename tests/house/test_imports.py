@@ -24,6 +24,7 @@ LAYERS = (
     ("estimation",),
     ("experiment",),
     ("information",),
+    ("hypotheses",),
     ("screening",),
     ("design", "identify"),
     ("diagnose",),

@@ -110,9 +110,9 @@ SAYING = {
     "estimation/rank.py: RankTest",
     "identify/record.py: Masked",
     "information/identifiable.py: NotEstimated",
-    "screening/convention_changes.py: ConventionChange",
+    "hypotheses/catalogue/conventions.py: ConventionChange",
     "screening/mistake.py: Mistake",
-    "screening/rows.py: Finding",
+    "hypotheses/catalogue/rows.py: Finding",
 }
 """Classes outside report/words that still hold or make sentences: of errors, or of files that keep them. No more."""
 

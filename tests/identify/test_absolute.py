@@ -17,7 +17,7 @@ from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Frame, Readings, load_experiment, observation_model, read_readings
 from qsframework.experiment.frames import procrustes
 from qsframework.identify import identify
-from qsframework.identify.selection import choose
+from qsframework.information.selection import choose
 from qsframework.plugin import Array, Poses
 from tests.identify.arm import position_readings, spoilt
 

@@ -10,9 +10,10 @@ import pytest
 
 from qsframework.estimation import FitOptions
 from qsframework.experiment import load_experiment, read_readings
-from qsframework.identify import EstimateState, Fit, NotEstimated, identify
+from qsframework.identify import EstimateState, Fit, identify
 from qsframework.identify.estimate import estimate_of
-from qsframework.identify.selection import choose
+from qsframework.information import NotEstimated
+from qsframework.information.selection import choose
 from qsframework.plugin import Parameter
 from qsframework.report import fit_table
 from qsframework.report.fit_section import not_estimated_table

@@ -14,9 +14,9 @@ from remembered import diagnose
 from qsf_plugins.joint_hardening import JointHardening
 from qsframework.diagnose import Diagnosis
 from qsframework.diagnose.error_budget import error_budget, linear_errors
-from qsframework.diagnose.law import Law
-from qsframework.diagnose.result import Leftover, LikelyPlace, Status
+from qsframework.diagnose.result import Leftover, Status
 from qsframework.elastostatics import make_model
+from qsframework.hypotheses.catalogue.law import Law, LikelyPlace
 from qsframework.report import Figure, ReportTable, SceneView, Section, write_report
 from qsframework.report.diagnosis_plots import main_direction
 from qsframework.report.diagnosis_section import diagnosis_sections

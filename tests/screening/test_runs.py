@@ -15,11 +15,11 @@ from independent_effects import campaign_for
 
 from qsframework.diagnose import diagnose
 from qsframework.experiment import Experiment, Readings, load_experiment, read_readings
+from qsframework.hypotheses.catalogue.runs import run_of_rows
+from qsframework.hypotheses.linearized import linearized
 from qsframework.plugin import Array
 from qsframework.report.words.headline import headline
 from qsframework.screening import adopted, find_mistakes
-from qsframework.screening.linearized import linearized
-from qsframework.screening.runs import run_of_rows
 
 Change = Callable[[Array, int], Array]
 

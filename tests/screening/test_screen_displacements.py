@@ -10,11 +10,11 @@ import pytest
 from qsframework.errors import NotIdentifiable
 from qsframework.estimation import FitOptions, Independent, LinearFit
 from qsframework.experiment import Experiment, Plan, Readings, make_plan, simulate
+from qsframework.hypotheses.catalogue.logging_faults import exchanges, late_angles
+from qsframework.hypotheses.linearized import linearized
 from qsframework.identify import identify
 from qsframework.plugin import Poses, build_effects
 from qsframework.screening import Mistake
-from qsframework.screening.linearized import linearized
-from qsframework.screening.logging_faults import exchanges, late_angles
 from tests.identify.arm import copied, shared_unloaded, spoilt, with_sigma, without, wrong_in
 
 

@@ -6,10 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from qsframework.diagnose.linearization.columns import Case
 from qsframework.diagnose.residuals.lack_of_fit import LackOfFit, arm_axes, lack_of_fit, variables_of
 from qsframework.diagnose.residuals.noise_components import FEWEST, pure_dof, replicate_basis, visible
-from qsframework.diagnose.selection.exact_refit import SettledFit
 from qsframework.errors import NotIdentifiable
 from qsframework.estimation import LinearFit
 from qsframework.estimation.linear_fit import Whitened, without_outliers
@@ -18,7 +16,9 @@ from qsframework.estimation.tails import chi2_isf, chi2_sf, f_sf
 from qsframework.estimation.visit_noise import RHOS, VisitNoise
 from qsframework.experiment import Experiment, ObservationModel, Readings
 from qsframework.experiment.observations import ReadingRows
-from qsframework.identify.selection import identifiable_names
+from qsframework.hypotheses.columns import Case
+from qsframework.hypotheses.exact_refit import SettledFit
+from qsframework.information.selection import identifiable_names
 from qsframework.plugin import Array, Indices
 
 _MOST_REPEATS = 1500

@@ -11,8 +11,8 @@ import numpy as np
 from qsframework.arguments import checked
 from qsframework.diagnose.result import Alike, Diagnosis, Errors, LearnedLaw, Leftover, Line, NamedCause, Status
 from qsframework.diagnose.second_day import FollowUp
-from qsframework.diagnose.selection.cross_validation import FOLDS
 from qsframework.diagnose.verdict import misfits
+from qsframework.hypotheses.search.cross_validation import FOLDS
 from qsframework.plugin import Parameter
 from qsframework.report.words.fit import alignment_words
 from qsframework.report.words.headline import headline, names_words, poses_words, worst_poses

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from qsframework.diagnose.foresight import DetectableSize, Foresight, Outlook, PowerCurve, Prospect, Why
-from qsframework.diagnose.linearization.candidates import REACH
 from qsframework.diagnose.unknown import SIZE, PlaceOutlook, UnknownOutlook
+from qsframework.hypotheses.catalogue.causes import REACH
 from qsframework.report.blocks import Mark, Verdict
 from qsframework.report.words.follow_up import mounts_words
 from qsframework.report.words.law import place_words

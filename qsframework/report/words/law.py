@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from qsframework.diagnose.law import Law
-from qsframework.diagnose.result import LikelyPlace
+from qsframework.hypotheses.catalogue.law import Law, LikelyPlace
 from qsframework.plugin import RobotFacts
 from qsframework.report.words.lists import listed
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from qsframework.diagnose.law import Law
 from qsframework.diagnose.result import Diagnosis, Status
 from qsframework.diagnose.second_day import FollowUp
 from qsframework.diagnose.verdict import misfits
+from qsframework.hypotheses.catalogue.law import Law
 from qsframework.report.words.follow_up import WORTH, mount_words, percent
 from qsframework.report.words.headline import names_words, poses_words, worst_poses
 from qsframework.report.words.law import place_words, variable_words

@@ -14,9 +14,9 @@ from math import comb
 
 import numpy as np
 
-from qsframework.diagnose.linearization.columns import Subspace
 from qsframework.estimation import left
 from qsframework.estimation.projection import Flags
+from qsframework.hypotheses.columns import Subspace
 from qsframework.plugin import Array, Indices
 
 LARGEST = 3

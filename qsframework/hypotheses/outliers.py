@@ -16,12 +16,12 @@ from qsframework.estimation import LinearFit
 from qsframework.estimation.linear_fit import Agreed
 from qsframework.estimation.projection import Flags, least_squares
 from qsframework.experiment import Experiment, ObservationModel, Readings, observation_model
+from qsframework.hypotheses.catalogue.rows import Finding, finding, lines
+from qsframework.hypotheses.linearized import agreed
 from qsframework.plugin import Array, Effect, Indices
 from qsframework.plugin.build import build_effects
 from qsframework.plugin.registry import with_role
 from qsframework.plugin.settings import place_fields, plural
-from qsframework.screening.linearized import agreed
-from qsframework.screening.rows import Finding, finding, lines
 
 GROSS = 7.0
 """A reading is gross beyond so many robust standard deviations of one coordinate."""

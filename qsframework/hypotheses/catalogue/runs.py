@@ -13,9 +13,9 @@ from itertools import permutations
 import numpy as np
 
 from qsframework.estimation import orthonormal
+from qsframework.hypotheses.catalogue.edits import INCH, SAYS
+from qsframework.hypotheses.linearized import Linearized
 from qsframework.plugin import Array, Indices
-from qsframework.screening.edits import INCH, SAYS
-from qsframework.screening.linearized import Linearized
 
 _UNITS = (
     (1e3, "m where the others are in mm"),

@@ -15,8 +15,8 @@ import numpy as np
 from qsframework.estimation import Independent, LinearFit
 from qsframework.estimation.linear_fit import chance
 from qsframework.experiment import ReadingRows, observation_model
+from qsframework.hypotheses.linearized import Linearized, of_observations
 from qsframework.plugin import Array, Indices, Poses
-from qsframework.screening.linearized import Linearized, of_observations
 
 Found = list[tuple[Indices, str]]
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.diagnose.law import Law
-from qsframework.diagnose.linearization.generic_blocks import BlockPlace, Motions, across
 from qsframework.experiment.observations import ReadingRows
+from qsframework.hypotheses.catalogue.generic_laws import BlockPlace, Motions, across
+from qsframework.hypotheses.catalogue.law import Law
 from qsframework.plugin import Array, Indices
 
 _ANGLE = 0.7

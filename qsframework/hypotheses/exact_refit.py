@@ -12,7 +12,7 @@ from qsframework.errors import InputError, NotConverged
 from qsframework.estimation import FitOptions, scales, solve
 from qsframework.experiment import Frame, ObservationModel
 from qsframework.experiment.observations import ReadingRows
-from qsframework.identify.selection import held_of
+from qsframework.information.selection import held_of
 from qsframework.plugin import Array
 
 _PLAIN = FitOptions(starts=0)

@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from qsframework.diagnose.selection.search import Gram
+from qsframework.hypotheses.search.subsets import Gram
 from qsframework.plugin import Array, Indices
 
 CONFIDENCE = 0.95

@@ -9,11 +9,11 @@ import numpy as np
 from qsframework.estimation import LinearFit
 from qsframework.estimation.projection import least_squares
 from qsframework.experiment import observation_model
+from qsframework.hypotheses.linearized import Linearized
 from qsframework.plugin import Array, Indices
 from qsframework.plugin.build import build_effects
 from qsframework.plugin.registry import with_role
 from qsframework.plugin.settings import place_fields
-from qsframework.screening.linearized import Linearized
 
 _LEAST = 49.0
 """Fall of the sum of squares, in squares of the noise, below which no constant is called: s = 7."""

@@ -19,10 +19,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from qsframework.diagnose.selection.null_draws import null_draws
 from qsframework.estimation.projection import Flags
 from qsframework.estimation.variance_component import with_variance
 from qsframework.estimation.visit_noise import Reml
+from qsframework.hypotheses.search.null_draws import null_draws
 from qsframework.plugin import Array, Indices
 
 TAUS = np.geomspace(0.7, 200.0, 11)

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.diagnose.law import Law
-from qsframework.diagnose.linearization.generic_blocks import Block, single_axes
 from qsframework.diagnose.result import Leftover
-from qsframework.diagnose.selection.evidence import DRAWS, evidence
-from qsframework.diagnose.selection.exact_refit import SettledFit
 from qsframework.estimation.projection import Flags
 from qsframework.estimation.visit_noise import Reml
+from qsframework.hypotheses.catalogue.generic_laws import Block, single_axes
+from qsframework.hypotheses.catalogue.law import Law
+from qsframework.hypotheses.exact_refit import SettledFit
+from qsframework.hypotheses.search.evidence import DRAWS, evidence
 from qsframework.plugin import Array, RobotFacts
 
 _HOLDS = 0.9

@@ -10,8 +10,8 @@ import numpy as np
 
 from qsframework.estimation.projection import Flags
 from qsframework.experiment import Experiment, Readings
+from qsframework.hypotheses.standing_out import Standing
 from qsframework.plugin import Array, Indices
-from qsframework.screening.standing_out import Standing
 from qsframework.units import TURNS, JointUnit
 
 KGF, LBF, INCH = 9.80665, 4.4482216, 25.4

@@ -19,9 +19,11 @@ from functools import cached_property
 
 import numpy as np
 
-from qsframework.diagnose.law import Law
-from qsframework.diagnose.linearization.generic_blocks import Motions
-from qsframework.diagnose.linearization.place_motions import (
+from qsframework.estimation.variance_component import with_variance
+from qsframework.estimation.visit_noise import Reml, restricted
+from qsframework.hypotheses.catalogue.generic_laws import Motions
+from qsframework.hypotheses.catalogue.law import Law, LikelyPlace
+from qsframework.hypotheses.catalogue.place_motions import (
     Place,
     Variable,
     VisitGroups,
@@ -30,9 +32,6 @@ from qsframework.diagnose.linearization.place_motions import (
     variables,
     visits_of,
 )
-from qsframework.diagnose.result import LikelyPlace
-from qsframework.estimation.variance_component import with_variance
-from qsframework.estimation.visit_noise import Reml, restricted
 from qsframework.plugin import Array
 
 _TAUS = np.geomspace(0.15, 6.0, 8)

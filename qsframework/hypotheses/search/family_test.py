@@ -15,9 +15,9 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from qsframework.diagnose.selection.null_draws import null_draws
 from qsframework.estimation.tails import chi2_sf, f_sf
 from qsframework.estimation.visit_noise import Reml
+from qsframework.hypotheses.search.null_draws import null_draws
 from qsframework.plugin import Array, Indices
 
 Flags = npt.NDArray[np.bool_]

@@ -9,7 +9,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from qsframework.diagnose.linearization.candidates import REACH, Cause, groups_of, widened
 from qsframework.elastostatics import Model
 from qsframework.estimation import LinearFit, Noise, left, orthonormal, scales
 from qsframework.estimation.projection import least_squares
@@ -18,7 +17,8 @@ from qsframework.experiment.frames import motion_count
 from qsframework.experiment.observations import ReadingRows
 from qsframework.experiment.simulate import displaced, planned_readings
 from qsframework.experiment.stations import station_frame
-from qsframework.identify.selection import held_of
+from qsframework.hypotheses.catalogue.causes import REACH, Cause, groups_of, widened
+from qsframework.information.selection import held_of
 from qsframework.plugin import Array, Indices, Poses
 
 VISIBLE = 4.0

@@ -16,9 +16,9 @@ from qsframework.estimation.projection import Flags
 from qsframework.estimation.tails import chi2_isf
 from qsframework.experiment import Experiment, Frame, ObservationModel, ReadingRows, Readings, observation_model
 from qsframework.experiment.frames import motion_count, spans
+from qsframework.hypotheses.catalogue.logging_faults import Visits, visits_of
+from qsframework.hypotheses.linearized import agreed
 from qsframework.plugin import Array, Indices
-from qsframework.screening.linearized import agreed
-from qsframework.screening.logging_faults import Visits, visits_of
 
 _CHANCE = 1e-6
 """Probability at which the misfit of a visit stands out, all of them together."""

@@ -14,8 +14,8 @@ import numpy.typing as npt
 
 from qsframework.estimation.tails import chi2_isf, chi2_sf, f_sf
 from qsframework.experiment import Experiment, Readings
+from qsframework.hypotheses.catalogue.rows import LEVEL, Finding, finding, lines
 from qsframework.plugin import Array, Indices
-from qsframework.screening.rows import LEVEL, Finding, finding, lines
 
 Mask = npt.NDArray[np.bool_]
 

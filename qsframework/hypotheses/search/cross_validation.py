@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.diagnose.linearization.columns import Case, Subspace
-from qsframework.diagnose.selection.family_test import log_p_values
-from qsframework.diagnose.selection.search import Bounds, Gram, make_gram, search
+from qsframework.hypotheses.columns import Case, Subspace
+from qsframework.hypotheses.search.family_test import log_p_values
+from qsframework.hypotheses.search.subsets import Bounds, Gram, make_gram, search
 from qsframework.plugin import Array, Indices
 
 FOLDS = 10

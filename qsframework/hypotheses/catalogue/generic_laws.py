@@ -15,7 +15,6 @@ from typing import Any, cast
 
 import numpy as np
 
-from qsframework.diagnose.law import Law, Part
 from qsframework.elastostatics import Model, make_model
 from qsframework.elastostatics.loads import wrench_torque
 from qsframework.elastostatics.settled import SettledState, one_state
@@ -23,6 +22,7 @@ from qsframework.elastostatics.structure import chunks
 from qsframework.errors import InputError
 from qsframework.experiment import Frame
 from qsframework.experiment.observations import ReadingRows
+from qsframework.hypotheses.catalogue.law import Law, Part
 from qsframework.plugin import (
     Actuator,
     Array,

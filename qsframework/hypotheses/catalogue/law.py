@@ -75,3 +75,19 @@ class Law:
         named = [f.split("+") for f in self.angles]
         named += [[f.partition(" ")[2]] for f in self.by if f.startswith(OF_A_JOINT)]
         return all(any(abs(facts.joint_index(j) + 0.5 - own) <= _NEAR for j in joints) for joints in named)
+
+
+@dataclass(frozen=True)
+class LikelyPlace:
+    """A place of what is left: its likeliest law, without factors where it differs at each visit; its share of the
+    evidence; how far it moves (sd over the visits, rad or m); and the places that move the markers alike."""
+
+    law: Law
+    share: float
+    sd: float = float("nan")
+    equivalent: tuple[Law, ...] = ()
+
+    @property
+    def wheres(self) -> set[tuple[str, str]]:
+        """Of itself and its equivalents."""
+        return {self.law.where, *(law.where for law in self.equivalent)}

@@ -12,11 +12,11 @@ from qsframework.elastostatics.so3 import cross_matrix, exponential
 from qsframework.errors import InputError
 from qsframework.estimation.projection import least_squares
 from qsframework.experiment import Experiment, Readings, as_shown, observation_model, on_robot
+from qsframework.hypotheses.catalogue.logging_faults import Slipped, moved_up
+from qsframework.hypotheses.linearized import Linearized, of_observations
 from qsframework.plugin import Array, Indices, Poses
 from qsframework.plugin.registry import with_role
 from qsframework.robot import StructuralChange, alternatives
-from qsframework.screening.linearized import Linearized, of_observations
-from qsframework.screening.logging_faults import Slipped, moved_up
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,8 +14,7 @@ from qsframework.elastostatics.so3 import cross_matrix
 from qsframework.estimation import left, orthonormal
 from qsframework.experiment import Readings
 from qsframework.experiment.frames import procrustes
-from qsframework.plugin import Array
-from qsframework.screening.edits import (
+from qsframework.hypotheses.catalogue.edits import (
     SIGN,
     VALUES,
     Edit,
@@ -27,7 +26,8 @@ from qsframework.screening.edits import (
     plain,
     vanishes,
 )
-from qsframework.screening.standing_out import Standing
+from qsframework.hypotheses.standing_out import Standing
+from qsframework.plugin import Array
 
 _LEAST = 3
 """Poses of a run below which it is no block."""

@@ -13,9 +13,9 @@ import numpy as np
 
 from qsframework.estimation.variance_component import variance_component
 from qsframework.experiment import Experiment, ObservationModel, Readings
+from qsframework.hypotheses.linearized import of_observations
+from qsframework.hypotheses.outliers import widened
 from qsframework.plugin import Array, Indices
-from qsframework.screening.linearized import of_observations
-from qsframework.screening.outliers import widened
 
 _STEPS = (10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1)
 """deg: roundings that are asked for."""

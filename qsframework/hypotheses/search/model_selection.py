@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.diagnose.linearization.candidates import REACH, Cause, widened
-from qsframework.diagnose.linearization.columns import Case, Subspace
-from qsframework.diagnose.selection.exact_refit import SettledFit, settle_fit
-from qsframework.diagnose.selection.family_test import FamilyBlock, Scores, log_p_values
-from qsframework.diagnose.selection.principal_angles import alias_classes
-from qsframework.diagnose.selection.search import LARGEST, Bounds, Gram, Subset, make_gram, search
 from qsframework.errors import NotConverged, NotIdentifiable
 from qsframework.experiment.observations import ReadingRows
+from qsframework.hypotheses.catalogue.causes import REACH, Cause, widened
+from qsframework.hypotheses.columns import Case, Subspace
+from qsframework.hypotheses.exact_refit import SettledFit, settle_fit
+from qsframework.hypotheses.search.family_test import FamilyBlock, Scores, log_p_values
+from qsframework.hypotheses.search.principal_angles import alias_classes
+from qsframework.hypotheses.search.subsets import LARGEST, Bounds, Gram, Subset, make_gram, search
 from qsframework.plugin import InputError
 
 REFITS = 5

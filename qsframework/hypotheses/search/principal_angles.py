@@ -12,8 +12,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from qsframework.diagnose.linearization.columns import Subspace
 from qsframework.estimation.tails import normal_isf, normal_sf
+from qsframework.hypotheses.columns import Subspace
 from qsframework.plugin import Array, Indices
 
 ALIKE = float(np.deg2rad(1.0))

@@ -1,1 +1,0 @@
-"""Which of the candidate causes the readings call for, and how surely."""

@@ -1,0 +1,1 @@
+"""Which of the catalogue's causes and places the readings call for, and how surely."""
