@@ -24,8 +24,8 @@ from qsframework.diagnose.residuals.noise_components import visible
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
 from qsframework.estimation import orthonormal, rms
 from qsframework.hypotheses.catalogue.causes import Cause
-from qsframework.hypotheses.catalogue.conventions import ConventionChange
 from qsframework.hypotheses.exact_refit import SettledFit
+from qsframework.hypotheses.hypothesis import Hypothesis
 from qsframework.hypotheses.search.cross_validation import HeldOut, Search, held_out
 from qsframework.hypotheses.search.family_test import family_test
 from qsframework.hypotheses.search.model_selection import (
@@ -164,7 +164,7 @@ def _structures(given: StartingFit) -> list[tuple[Mistake, StartingFit]]:
     A cause may do so too: the two are compared when both were searched beside.
     """
     changes = check_structures(given.experiment, given.readings)
-    tried: list[tuple[float, ConventionChange, StartingFit]] = []
+    tried: list[tuple[float, Hypothesis, StartingFit]] = []
     for change in changes:
         try:
             start = start_of(change.experiment, change.readings)
@@ -176,19 +176,8 @@ def _structures(given: StartingFit) -> list[tuple[Mistake, StartingFit]]:
         evidence = 0.5 * gain - float(np.log(len(changes)))
         if evidence > -np.log(_SURE):
             after, before = (rms(f.residuals[given.rows.mask]) for f in (start.fit, given.fit))
-            structure = Mistake(
-                name=change.name,
-                value=change.value,
-                words=fits_better(change, after, before),
-                experiment=change.experiment,
-                readings=change.readings,
-                rms=after,
-                rms_given=before,
-                evidence=evidence,
-                below=0,
-                compelling=True,
-                structure=True,
-            )
+            told = replace(change, words=fits_better(change, after, before), structure=True)
+            structure = Mistake(**vars(told), rms=after, rms_given=before, evidence=evidence, compelling=True)
             out.append((structure, start))
     return out
 

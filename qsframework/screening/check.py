@@ -15,8 +15,7 @@ import numpy as np
 from qsframework.arguments import checked
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
 from qsframework.experiment import Experiment, Readings, make_rows
-from qsframework.hypotheses.catalogue.logging_faults import tool_misfit
-from qsframework.hypotheses.catalogue.rigidity import marker_rigidity
+from qsframework.hypotheses.catalogue.rigidity import marker_rigidity, tool_misfit
 from qsframework.hypotheses.catalogue.rounded import rounded_angles
 from qsframework.hypotheses.catalogue.rows import LEVEL, Finding, copies, finding, lines, masked, unread
 from qsframework.hypotheses.linearized import Linearized, at_solution, linearized
@@ -103,16 +102,9 @@ def _rounded(given: Linearized) -> Mistake | None:
     found = rounded_angles(given.experiment, given.readings)
     if found is None:
         return None
-    step = float(np.rad2deg(found.step))
-    words = (
-        f"the angles are rounded to {step:g} deg, which moves the markers by {found.off * 1e3:.2g} mm a coordinate: "
-        "write them with all digits of the controller"
-    )
-    one = Finding("angles_rounded", (), words, np.zeros(len(given.readings), dtype=bool))
-    told = _told(one, given.experiment, given.readings, True)
+    rounded, evidence = found
     rms = given.estimates.rms
-    told = replace(told, mask=None, hides=True, column="q", found=found.step)
-    return replace(told, evidence=found.evidence, rms=rms, rms_given=rms)
+    return Mistake(**vars(rounded), rms=rms, rms_given=rms, evidence=evidence, compelling=True)
 
 
 def _holds(change: Mistake, given: Linearized) -> bool:
@@ -133,22 +125,16 @@ def _rigid(experiment: Experiment, readings: Readings, level: float) -> list[Fin
 
 def _told(one: Finding, experiment: Experiment, readings: Readings, compelling: bool) -> Mistake:
     """What was found without comparing two fits."""
-    nan = float("nan")
     return Mistake(
-        name=one.name,
-        value=1.0,
-        words=one.words,
-        experiment=experiment,
+        one.name,
+        1.0,
+        one.words,
+        experiment,
         readings=readings,
-        rms=nan,
-        rms_given=nan,
-        evidence=nan,
-        below=0,
-        compelling=compelling,
         rows=one.rows,
         file=one.file,
-        kinds=(one.name,),
         mask=one.mask,
+        compelling=compelling,
     )
 
 
@@ -168,8 +154,7 @@ def _gross(experiment: Experiment, readings: Readings, level: float) -> list[Fin
     if not clean.is_position[rows.keep].any():
         out += _snooped(experiment, readings, out, level / _TESTED)
     fit = _fit(experiment, masked(readings, [one.mask for one in out]))
-    tools = [] if fit is None else tool_misfit(fit, level / _TESTED)
-    return out + [finding("tool", readings, at, words) for at, words in tools]
+    return out if fit is None else out + tool_misfit(fit, level / _TESTED)
 
 
 def _snooped(experiment: Experiment, readings: Readings, found: Sequence[Finding], level: float) -> list[Finding]:

@@ -13,11 +13,11 @@ import numpy as np
 from qsframework.elastostatics.structure import CHUNK
 from qsframework.errors import InputError, NotIdentifiable
 from qsframework.estimation import LinearFit, rms, scales
+from qsframework.estimation.projection import Flags
 from qsframework.experiment import Experiment, Frame, Readings, make_rows, observation_model
 from qsframework.experiment.observations import start_values
 from qsframework.hypotheses.catalogue.blocks import FRAME, in_frame
 from qsframework.hypotheses.catalogue.conventions import (
-    ConventionChange,
     aligned,
     angle_units,
     couplings,
@@ -28,18 +28,19 @@ from qsframework.hypotheses.catalogue.conventions import (
     joint_columns,
     joint_signs,
     position_axes,
-    realigned,
     structures,
     tracker_axes,
     value_units,
 )
-from qsframework.hypotheses.catalogue.logging_faults import exchanges, late_angles
+from qsframework.hypotheses.catalogue.exchanged_markers import exchanged_markers
+from qsframework.hypotheses.catalogue.late_angles import late_angles
 from qsframework.hypotheses.catalogue.marker_constant import marker_constant
-from qsframework.hypotheses.catalogue.rows import among, file_of, lines
+from qsframework.hypotheses.catalogue.rows import lines
 from qsframework.hypotheses.catalogue.runs import MOST_OF_IT, NEAR_NOISE, run_of_rows
+from qsframework.hypotheses.hypothesis import Hypothesis
 from qsframework.hypotheses.linearized import Estimates, Linearized, linearized, of_observations, other_readings
 from qsframework.hypotheses.standing_out import Standing, agreement, stand_out
-from qsframework.plugin import Indices, Spring
+from qsframework.plugin import Spring
 from qsframework.screening.edit_words import mistake_words
 from qsframework.screening.mistake import Mistake, Moved
 from qsframework.screening.table_mistakes import Mend, table_mistakes
@@ -98,11 +99,12 @@ def whole_table(given: Linearized, standing: Standing) -> list[Mistake]:
     many = float(standing.wrong.mean()) > _MANY
     others = given if many or not aside.any() else linearized(experiment, readings.masked(aside))
     changes = [] if _as_stated(others) else [c for make in _CHANGES for c in make(experiment, others.readings)]
+    changes = [replace(c, tried=len(changes)) for c in changes]
     trials = zip(changes, _trials(changes, others), strict=True)
-    judged = [_judge(change, others, trial, len(changes)) for change, trial in trials]
+    judged = [_judge(change, others, trial) for change, trial in trials]
     back = aside & readings.use
     whole = [replace(c, readings=replace(c.readings, use=c.readings.use | back)) for c in judged if c is not None]
-    local = [_judge(c, fit, _trials([c], fit)[0], tried, rows) for c, fit, tried, rows in _mistakes(given)]
+    local = [_judge(change, given, _trials([change], given)[0]) for change in _of_some_rows(given)]
     whole += [c for c in local if c is not None]
     whole.sort(key=lambda c: (not c.compelling, -c.evidence))
     if not (whole and whole[0].compelling):
@@ -156,28 +158,20 @@ def single_rows(given: Linearized, standing: Standing) -> list[Mistake]:
             fit = linearized(experiment, readings)
         except (InputError, NotIdentifiable):
             continue
-        out.append(
-            Mistake(
-                name=_name(readings, mistake),
-                value=1.0,
-                words=f"{words}: {_gain_words(fit.estimates.rms, given.estimates.rms)}",
-                experiment=experiment,
-                readings=readings,
-                rms=fit.estimates.rms,
-                rms_given=given.estimates.rms,
-                evidence=0.5 * mistake.gain - float(np.log(mistake.tried)),
-                below=fit.estimates.below,
-                compelling=True,
-                rows=tuple(sorted(int(r) for r in readings.line[rows])),
-                mask=among(readings, rows),
-                file=file_of(readings, rows),
-                kinds=tuple(dict.fromkeys([first.kind, *(o.kind for o in mistake.others)])),
-                column=first.column,
-                found=first.found,
-                meant=first.meant,
-                moved=_changed(given, fit),
-            )
+        change = Hypothesis(
+            _name(readings, mistake),
+            1.0,
+            f"{words}: {_gain_words(fit.estimates.rms, given.estimates.rms)}",
+            experiment,
+            readings=readings,
+            kinds=tuple(dict.fromkeys([first.kind, *(o.kind for o in mistake.others)])),
+            column=first.column,
+            found=first.found,
+            meant=first.meant,
+            tried=mistake.tried,
         )
+        evidence = 0.5 * mistake.gain - float(np.log(mistake.tried))
+        out.append(_compared(change.at(rows), given, fit, evidence, compelling=True))
         given = fit
     return out
 
@@ -211,26 +205,32 @@ def overloads(given: Linearized) -> list[Mistake]:
         f"{lines(readings, rows)}: the force is {largest:.0f} N, {largest / most:.1f} times what the robot carries "
         f"({robot.payload:g} kg, {most:.0f} N){meant}"
     )
-    return [
-        Mistake(
-            name="load_payload",
-            value=largest / most,
-            words=words,
-            experiment=given.experiment,
-            readings=readings,
-            rms=given.estimates.rms,
-            rms_given=given.estimates.rms,
-            evidence=0.0,
-            below=given.estimates.below,
-            compelling=False,
-            rows=tuple(int(r) for r in readings.line[rows]),
-            file=file_of(readings, rows),
-            kinds=("load_payload",),
-            column="force",
-            found=largest,
-            meant=most,
-        )
-    ]
+    change = Hypothesis(
+        "load_payload",
+        largest / most,
+        words,
+        given.experiment,
+        readings=readings,
+        column="force",
+        found=largest,
+        meant=most,
+    )
+    return [_compared(replace(change.at(rows), mask=None), given, given, 0.0)]
+
+
+def _compared(
+    change: Hypothesis, given: Linearized, fit: Linearized, evidence: float, *, compelling: bool = False
+) -> Mistake:
+    """A hypothesis with what the fits as given and with it say of it."""
+    return Mistake(
+        **vars(change),
+        rms=fit.estimates.rms,
+        rms_given=given.estimates.rms,
+        evidence=evidence,
+        below=fit.estimates.below,
+        compelling=compelling,
+        moved=() if fit is given else _changed(given, fit),
+    )
 
 
 def _changed(given: Linearized, fit: Linearized) -> tuple[Moved, ...]:
@@ -249,14 +249,14 @@ def _changed(given: Linearized, fit: Linearized) -> tuple[Moved, ...]:
     return tuple(out)
 
 
-def check_structures(experiment: Experiment, readings: Readings) -> tuple[ConventionChange, ...]:
+def check_structures(experiment: Experiment, readings: Readings) -> tuple[Hypothesis, ...]:
     """The structures of the arm that may fit the readings better than that of its file: no further from them by a
     linear fit, and with no compliance below its bound that is not so in the file's own. Exact fits compare them."""
     given = linearized(experiment, readings)
     return tuple(change for change in structures(experiment, readings) if _may_fit(change, given))
 
 
-def _may_fit(change: ConventionChange, given: Linearized) -> bool:
+def _may_fit(change: Hypothesis, given: Linearized) -> bool:
     trial = _one(change, given)
     if trial is None:
         return False
@@ -264,52 +264,31 @@ def _may_fit(change: ConventionChange, given: Linearized) -> bool:
     return fit.rms < _NO_FURTHER * own.rms and fit.below <= own.below
 
 
-def _judge(
-    change: ConventionChange, given: Linearized, trial: Linearized | None, tried: int, rows: Indices | None = None
-) -> Mistake | None:
-    """Compare a change that is applied; `rows` of the file are those that it touches, None for all. None where nothing
-    speaks for it, and where it cannot be applied."""
-    if trial is None or _speaks_for(change, given.estimates, trial.fit, tried)[0] <= 0.0:
+def _judge(change: Hypothesis, given: Linearized, trial: Linearized | None) -> Mistake | None:
+    """Compare a change that is applied. None where nothing speaks for it, and where it cannot be applied."""
+    if trial is None or _speaks_for(change, given.estimates, trial.fit)[0] <= 0.0:
         return None
     before, fit = given.estimates, trial.estimates
-    evidence, drop = _speaks_for(change, before, fit, tried)
+    evidence, drop = _speaks_for(change, before, fit)
     near = not trial.stated or _near_noise(trial, given)
-    if evidence <= 0.0 or not (near or rows is None):
+    if evidence <= 0.0 or not (near or change.mask is None):
         return None
-    enough = drop > -np.log(RATIO) and (rows is None or _local(given, trial, rows) < LOCAL)
+    enough = drop > -np.log(RATIO) and (change.mask is None or _local(given, trial, change.mask) < LOCAL)
     enough = enough and (change.name != "column_unit" or _right_unit(change, given, trial))
     compelling = evidence > -np.log(LEVEL) and enough and near and fit.below <= before.below
-    return Mistake(
-        name=change.name,
-        value=change.value,
-        words=fits_better(change, fit.rms, before.rms),
-        experiment=change.experiment,
-        readings=change.readings,
-        rms=fit.rms,
-        rms_given=before.rms,
-        evidence=evidence,
-        below=fit.below,
-        compelling=bool(compelling),
-        rows=() if rows is None else tuple(int(r) for r in np.unique(given.readings.line[rows])),
-        mask=None if rows is None else among(given.readings, rows),
-        file="" if rows is None else file_of(given.readings, rows),
-        kinds=(change.name,),
-        column=change.column,
-        moved=_changed(given, trial),
-    )
+    told = replace(change, words=fits_better(change, fit.rms, before.rms))
+    return _compared(told, given, trial, evidence, compelling=bool(compelling))
 
 
-def _speaks_for(
-    change: ConventionChange, given: Estimates, fit: Estimates | LinearFit, tried: int
-) -> tuple[float, float]:
+def _speaks_for(change: Hypothesis, given: Estimates, fit: Estimates | LinearFit) -> tuple[float, float]:
     """Evidence for a change, nats, and by how much the logarithm of what a measurement leaves falls."""
     drop = float(np.log(max(given.chi2, 1e-300)) - np.log(max(fit.chi2, 1e-300)))
     drop -= float(np.log(given.dof / fit.dof))  # late angles leave a measurement out
-    evidence = 0.5 * min(fit.dof, given.dof) * drop - float(np.log(tried))
+    evidence = 0.5 * min(fit.dof, given.dof) * drop - float(np.log(change.tried))
     return evidence - 0.5 * change.free * float(np.log(fit.dof)) + change.shrunk * fit.dof, drop
 
 
-def fits_better(change: ConventionChange, rms: float, given: float) -> str:
+def fits_better(change: Hypothesis, rms: float, given: float) -> str:
     """What a change is, and what the fits leave with it and as given, m."""
     return f"{change.words}: {_gain_words(rms, given)}"
 
@@ -318,7 +297,7 @@ def _gain_words(rms: float, given: float) -> str:
     return f"the readings then fit to {rms * 1e3:.3f} mm a coordinate, as given to {given * 1e3:.3f} mm"
 
 
-def _right_unit(change: ConventionChange, given: Linearized, fit: Linearized) -> bool:
+def _right_unit(change: Hypothesis, given: Linearized, fit: Linearized) -> bool:
     """Whether a column fits in another unit, and not only better: of forces to the stated noise, for springs follow."""
     forces = change.column.startswith("f")
     chi2, most = fit.estimates.chi2, _NOISE * fit.estimates.dof
@@ -331,9 +310,9 @@ def _near_noise(fit: Linearized, given: Linearized) -> bool:
     return chi2 < NEAR_NOISE * fit.estimates.dof or chi2 < MOST_OF_IT * given.estimates.chi2
 
 
-def _local(given: Linearized, fit: Linearized, rows: Indices) -> float:
-    """What a change leaves of the sum of squares of the rows that it touches."""
-    both = np.intersect1d(np.intersect1d(given.keep, fit.keep), rows)
+def _local(given: Linearized, fit: Linearized, mask: Flags) -> float:
+    """What a change leaves of the sum of squares of the rows (R,) that it touches."""
+    both = np.intersect1d(given.keep[mask[given.keep]], fit.keep)
 
     def square(f: Linearized) -> float:
         return float(np.sum(f.estimates.white[np.isin(f.keep[f.row], both)] ** 2))
@@ -341,7 +320,7 @@ def _local(given: Linearized, fit: Linearized, rows: Indices) -> float:
     return square(fit) / max(square(given), 1e-300)
 
 
-def _trials(changes: Sequence[ConventionChange], given: Linearized) -> list[Linearized | None]:
+def _trials(changes: Sequence[Hypothesis], given: Linearized) -> list[Linearized | None]:
     """What `_first` has of the readings as given, for each change; where rows stay and the model is asked anew, it is
     asked for many changes at once. None where a change cannot be applied: angles beyond the arm's, readings that then
     hold no frame, or lie so far from the nominal arm that no fit makes up for it."""
@@ -376,13 +355,13 @@ def _together(many: Sequence[Readings], given: Linearized) -> list[Linearized | 
         return [*_together(many[:half], given), *_together(many[half:], given)]
 
 
-def _kept(change: ConventionChange, given: Linearized) -> bool:
+def _kept(change: Hypothesis, given: Linearized) -> bool:
     """Whether the same rows are used of the same experiment, in the same frames."""
     before, after = given.readings, change.readings
     return change.experiment is given.experiment and after.use is before.use and after.frame is before.frame
 
 
-def _one(change: ConventionChange, given: Linearized) -> Linearized | None:
+def _one(change: Hypothesis, given: Linearized) -> Linearized | None:
     """The same of one change of other rows, or of the arm."""
     names = change.experiment.fit_names()
     try:
@@ -408,41 +387,16 @@ def _moved(given: Linearized, readings: Readings) -> bool:
 
 def _run(given: Linearized) -> list[Mistake]:
     """A run of rows that hold other values, where that is beyond doubt."""
-    found, readings = run_of_rows(given), given.readings
-    if found is None:
-        return []
-    changed = readings.with_values(found.value).masked(np.isin(np.arange(len(readings)), found.lost))
-    words = f"{lines(readings, found.rows)}: {found.what}"
-    change = ConventionChange(found.name, 1.0, words, given.experiment, readings=changed)
-    judged = _judge(change, given, _one(change, given), len(readings) ** 2, found.rows)
+    change = run_of_rows(given)
+    judged = None if change is None else _judge(change, given, _one(change, given))
     return [judged] if judged is not None and judged.compelling else []
 
 
-def _mistakes(given: Linearized) -> list[tuple[ConventionChange, Linearized, int, Indices]]:
-    """Exchanged markers and late angles, with the number of alternatives that they were among and their rows."""
+def _of_some_rows(given: Linearized) -> list[Hypothesis]:
+    """Exchanged markers, a marker's constant and late angles."""
     trial = replace(given, stated=False)  # a hidden effect must not look like a mistake
-    readings, experiment = trial.readings, trial.experiment
-    out: list[tuple[ConventionChange, Linearized, int, Indices]] = []
-    swapped = exchanges(trial, LEVEL)
-    if swapped:
-        value = np.array(readings.value)
-        touched = np.unique(np.concatenate([order for order, _ in swapped]))
-        for order, _ in swapped:
-            value[order[:, 0]] = readings.value[order[:, 1]]
-        words = "; ".join(words for _, words in swapped)
-        change = ConventionChange("swapped_markers", 1.0, words, experiment, readings=replace(readings, value=value))
-        out.append((change, given, 3 * len(readings.states), touched))
-    constant = marker_constant(trial)
-    if constant is not None:
-        changed = readings.with_values(constant.value)
-        words = constant.described()
-        change = ConventionChange("marker_constant", constant.off, words, experiment, readings=changed, free=1)
-        out.append((change, given, constant.tried, constant.rows))
-    for run in late_angles(trial, LEVEL)[:1]:
-        moved = realigned(trial, run)
-        change = ConventionChange("late_angles", 1.0, run.described(trial), experiment, readings=moved)
-        out.append((change, given, len(readings.states), run.rows(trial)))
-    return out
+    found = (exchanged_markers(trial, LEVEL), marker_constant(trial), late_angles(trial, LEVEL))
+    return [change for change in found if change is not None]
 
 
 def suspicions(given: Linearized) -> list[Mistake]:
@@ -467,18 +421,6 @@ def suspicions(given: Linearized) -> list[Mistake]:
             f"all compliances come out about {np.exp(common):.3g} times their nominal values: perhaps {meaning} "
             f"(a factor of {factor:.4g}); the fit absorbs it, so it cannot be proved from these readings"
         )
-        out.append(
-            Mistake(
-                name="load_unit",
-                value=factor,
-                words=words,
-                experiment=given.experiment,
-                readings=given.readings.with_poses(poses),
-                rms=given.estimates.rms,
-                rms_given=given.estimates.rms,
-                evidence=0.0,
-                below=given.estimates.below,
-                compelling=False,
-            )
-        )
+        change = Hypothesis("load_unit", factor, words, given.experiment, readings=given.readings.with_poses(poses))
+        out.append(_compared(change, given, given, 0.0))
     return out

@@ -110,8 +110,7 @@ SAYING = {
     "estimation/rank.py: RankTest",
     "identify/record.py: Masked",
     "information/identifiable.py: NotEstimated",
-    "hypotheses/catalogue/conventions.py: ConventionChange",
-    "screening/mistake.py: Mistake",
+    "hypotheses/hypothesis.py: Hypothesis",
     "hypotheses/catalogue/rows.py: Finding",
 }
 """Classes outside report/words that still hold or make sentences: of errors, or of files that keep them. No more."""

@@ -18,8 +18,7 @@ from qsframework.plugin import Poses
 from qsframework.report.result_json import diagnosis_json
 from qsframework.report.words.diagnosis import statements
 from qsframework.robot import load_robot
-from qsframework.screening import find_mistakes
-from qsframework.screening.mistake import Mistake, compelling
+from qsframework.screening import Mistake, adopted, find_mistakes
 
 SIGMA = 3e-5
 PINNED = Path(__file__).parents[1] / "proof" / "pinned" / "robots" / "fanuc_m900ib"
@@ -48,9 +47,7 @@ def unstated(experiment: Experiment) -> Experiment:
 
 
 def named(experiment: Experiment, readings: Readings) -> Mistake:
-    found = compelling(find_mistakes(experiment, readings, gross=False))
-    assert found is not None
-    return found
+    return adopted(find_mistakes(experiment, readings, gross=False))[0]
 
 
 def visited(readings: Readings) -> Poses:
@@ -70,7 +67,7 @@ def test_the_real_readings_with_j3_read_as_relative(r2000ic: Experiment, real: R
     assert round(found.rms_given * 1e3, 3) == 0.286
     assert round(found.rms * 1e3, 3) == 0.215
     again = find_mistakes(found.experiment, found.readings, gross=False)  # applied, it leaves nothing to find
-    assert compelling(again) is None
+    assert not adopted(again)
 
 
 def test_a_robot_file_with_a_plain_controller(r2000ic: Experiment, real: Readings, root, tmp_path) -> None:
@@ -195,7 +192,7 @@ def test_units_that_compliances_absorb(m900ib: Experiment, factor: float, said: 
         else readings.with_poses(replace(readings.poses, wrench=readings.poses.wrench / factor))
     )
     found = find_mistakes(unstated(m900ib), scaled, gross=False)
-    assert compelling(found) is None  # absorbed: a suspicion, no proof
+    assert not adopted(found)  # absorbed: a suspicion, no proof
     suspicion = [c for c in found if c.name == "load_unit" and said in c.words]
     assert len(suspicion) == 1
     assert np.isclose(suspicion[0].value, factor)
@@ -259,6 +256,6 @@ def test_hidden_physics_is_not_taken_for_a_wrong_convention(
             if cause.name.startswith("controller_coupling") or seen < 1.0 or (i + ninth) % 9 != seed:
                 continue
             hidden = readings.with_values(readings.value + (part * s / seen).reshape(-1, 3))
-            assert compelling(find_mistakes(m900ib, hidden, gross=False)) is None, cause.name
+            assert not adopted(find_mistakes(m900ib, hidden, gross=False)), cause.name
             tested += 1
     assert tested > 25

@@ -10,7 +10,8 @@ import pytest
 from qsframework.errors import NotIdentifiable
 from qsframework.estimation import FitOptions, Independent, LinearFit
 from qsframework.experiment import Experiment, Plan, Readings, make_plan, simulate
-from qsframework.hypotheses.catalogue.logging_faults import exchanges, late_angles
+from qsframework.hypotheses.catalogue.exchanged_markers import exchanged_markers
+from qsframework.hypotheses.catalogue.late_angles import late_angles
 from qsframework.hypotheses.linearized import linearized
 from qsframework.identify import identify
 from qsframework.plugin import Poses, build_effects
@@ -140,9 +141,11 @@ def test_what_readings_share_counts_in_every_test(m900ib: Experiment, two_loads:
         (drop,) = alone.chi2_drop[alone.label == row]
         assert given.fit.chi2 - rest.chi2 == pytest.approx(drop, rel=1e-8)
     swapped = copied(given.readings, [9, 11], [11, 9])
-    ((order, words),) = exchanges(linearized(m900ib, swapped), 0.01)
-    assert sorted(order[:, 0].tolist()) == [9, 11]
-    assert "m1 and m3" in words
+    found = exchanged_markers(linearized(m900ib, swapped), 0.01)
+    assert found is not None
+    assert found.mask is not None
+    assert np.flatnonzero(found.mask).tolist() == [9, 11]
+    assert "m1 and m3" in found.words
 
 
 def test_with_shared_readings_clean_ones_are_left_alone_and_gross_ones_found(
@@ -208,7 +211,7 @@ def test_one_pose_with_the_angles_of_the_one_before(m900ib: Experiment, plan: Pl
 
 def test_two_visits_are_too_few_to_look_for_late_angles(r2000ic: Experiment, real: Readings) -> None:
     two = replace(real, use=np.arange(len(real)) < 2)
-    assert late_angles(linearized(r2000ic.with_(fit=("joint_compliance[joint_2]",)), two), 0.01) == []
+    assert late_angles(linearized(r2000ic.with_(fit=("joint_compliance[joint_2]",)), two), 0.01) is None
 
 
 def test_masking_restores_the_fit(m900ib: Experiment, plan: Plan) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import KW_ONLY, dataclass, replace
+from dataclasses import replace
 from itertools import combinations, permutations, product
 
 import numpy as np
@@ -12,34 +12,14 @@ from qsframework.elastostatics.so3 import cross_matrix, exponential
 from qsframework.errors import InputError
 from qsframework.estimation.projection import least_squares
 from qsframework.experiment import Experiment, Readings, as_shown, observation_model, on_robot
-from qsframework.hypotheses.catalogue.logging_faults import Slipped, moved_up
-from qsframework.hypotheses.linearized import Linearized, of_observations
+from qsframework.hypotheses.hypothesis import Hypothesis
+from qsframework.hypotheses.linearized import of_observations
 from qsframework.plugin import Array, Indices, Poses
 from qsframework.plugin.registry import with_role
 from qsframework.robot import StructuralChange, alternatives
 
 
-@dataclass(frozen=True, eq=False)
-class ConventionChange:
-    """A convention before it is judged, of all rows, those that are set aside too; name, value, rows, column, found and
-    meant as in `Mistake`.
-
-    free: numbers that it fits to the readings; shrunk: log of how much smaller it makes numbers, and all misfits with
-    them
-    """
-
-    name: str
-    value: float
-    words: str
-    experiment: Experiment
-    _: KW_ONLY
-    readings: Readings
-    column: str = ""
-    free: int = 0
-    shrunk: float = 0.0
-
-
-def couplings(experiment: Experiment, readings: Readings) -> Iterator[ConventionChange]:
+def couplings(experiment: Experiment, readings: Readings) -> Iterator[Hypothesis]:
     """An angle that is absolute where the file says relative, or the reverse, at every joint."""
     robot, model = experiment.robot, experiment.model()
     held = dict(zip(model.names, model.nominal, strict=True))
@@ -55,10 +35,10 @@ def couplings(experiment: Experiment, readings: Readings) -> Iterator[Convention
                 f"{own.name} = {value:+g}: the true angle of {effect.where} is the file's {sign} the shown angle of "
                 "the joint before it; an absolute angle was read as relative, or the reverse"
             )
-            yield ConventionChange(own.name, value, words, here.with_(parameters=(*others, fixed)), readings=readings)
+            yield Hypothesis(own.name, value, words, here.with_(parameters=(*others, fixed)), readings=readings)
 
 
-def joint_signs(experiment: Experiment, readings: Readings) -> Iterator[ConventionChange]:
+def joint_signs(experiment: Experiment, readings: Readings) -> Iterator[Hypothesis]:
     """Every joint angle reversed."""
     for k, joint in enumerate(experiment.robot.facts.driven):
         pendant = np.array(readings.poses.pendant)
@@ -67,7 +47,7 @@ def joint_signs(experiment: Experiment, readings: Readings) -> Iterator[Conventi
         poses = replace(readings.poses, pendant=pendant, q=q)
         what = "travel" if experiment.robot.facts.slides(joint) else "angle"
         words = f"the {what} of {joint} counts the other way round"
-        yield ConventionChange(f"joint_sign[{joint}]", -1.0, words, experiment, readings=readings.with_poses(poses))
+        yield Hypothesis(f"joint_sign[{joint}]", -1.0, words, experiment, readings=readings.with_poses(poses))
 
 
 _WITHOUT = "this arm does not behave as if it had {}"
@@ -79,7 +59,7 @@ _STRUCTURES = {
 }
 
 
-def structures(experiment: Experiment, readings: Readings) -> Iterator[ConventionChange]:
+def structures(experiment: Experiment, readings: Readings) -> Iterator[Hypothesis]:
     """Loops, couplings and balancers that the file has and the arm has not, or the reverse; `couplings` has angles."""
     for other in alternatives(experiment.robot):
         if other.kind in _STRUCTURES:
@@ -89,7 +69,7 @@ def structures(experiment: Experiment, readings: Readings) -> Iterator[Conventio
             except InputError:  # the campaign cannot be had on this structure
                 continue
             words = f"{_STRUCTURES[other.kind].format(' and '.join(other.subjects))}, against its file"
-            yield ConventionChange(other.id, 1.0, words, campaign, readings=shown)
+            yield Hypothesis(other.id, 1.0, words, campaign, readings=shown)
 
 
 def _orientations() -> list[Array]:
@@ -112,7 +92,7 @@ def _axes(P: Array, what: str) -> str:
     return ", ".join(said)
 
 
-def displacement_axes(experiment: Experiment, readings: Readings) -> Iterator[ConventionChange]:
+def displacement_axes(experiment: Experiment, readings: Readings) -> Iterator[Hypothesis]:
     """Signed permutations of the axes of the displacements; their reversal is a sign convention."""
     base = ~readings.is_position & (readings.frame < 0) & ~readings.is_gauge
     if not (base & readings.use).any():  # the axes of a series are found, whatever they are
@@ -126,7 +106,7 @@ def displacement_axes(experiment: Experiment, readings: Readings) -> Iterator[Co
             if reversed_
             else f"axes of the displacements: {_axes(P, 'd')}"
         )
-        yield ConventionChange(
+        yield Hypothesis(
             name,
             -1.0 if reversed_ else 1.0,
             words,
@@ -135,7 +115,7 @@ def displacement_axes(experiment: Experiment, readings: Readings) -> Iterator[Co
         )
 
 
-def force_axes(experiment: Experiment, readings: Readings) -> Iterator[ConventionChange]:
+def force_axes(experiment: Experiment, readings: Readings) -> Iterator[Hypothesis]:
     """Axes of the load cell. Its reversal is that of the displacements, and moments turn as axial vectors do."""
     wrench = readings.poses.wrench
     if not wrench.any():
@@ -149,7 +129,7 @@ def force_axes(experiment: Experiment, readings: Readings) -> Iterator[Conventio
             continue
         seen.append(turned)
         poses: Poses = replace(readings.poses, wrench=turned)
-        yield ConventionChange(
+        yield Hypothesis(
             "force_axes", 1.0, f"axes of the force: {_axes(P, 'f')}", experiment, readings=readings.with_poses(poses)
         )
 
@@ -161,7 +141,7 @@ _MOVED = 1e-3
 """rad or m: a joint whose angles differ by less in all poses tells nothing of its column."""
 
 
-def angle_units(experiment: Experiment, readings: Readings) -> Iterator[ConventionChange]:
+def angle_units(experiment: Experiment, readings: Readings) -> Iterator[Hypothesis]:
     """Columns of angles in radians under headers of degrees, of travels in m under mm, or the reverse: one, or all."""
     pendant, joints = readings.poses.pendant, experiment.robot.controller.units
     largest = np.abs(pendant).max(axis=0)
@@ -182,14 +162,14 @@ def angle_units(experiment: Experiment, readings: Readings) -> Iterator[Conventi
             words = f"the column{'s' if len(columns) > 1 else ''} {names} {_are(columns)} in {there}, not in {here}"
             factor = unit.per if small else unit.factor
             changed = _shown(experiment, readings, angles)
-            yield ConventionChange("column_unit", factor, words, experiment, readings=changed, column=names)
+            yield Hypothesis("column_unit", factor, words, experiment, readings=changed, column=names)
 
 
 def _are(columns: Sequence[int]) -> str:
     return "are" if len(columns) > 1 else "is"
 
 
-def joint_columns(experiment: Experiment, readings: Readings) -> Iterator[ConventionChange]:
+def joint_columns(experiment: Experiment, readings: Readings) -> Iterator[Hypothesis]:
     """The angles, or the travels, of two joints exchanged; or those of all joints each in the next one's column, as
     where a log counts them from zero or leaves the first one out."""
     pendant, sliding = readings.poses.pendant, experiment.robot.controller.units.sliding
@@ -207,7 +187,7 @@ def joint_columns(experiment: Experiment, readings: Readings) -> Iterator[Conven
         angles = pendant[:, order]
         if not experiment.robot.controller.outside(angles).any():
             changed = _shown(experiment, readings, angles)
-            yield ConventionChange("joint_columns", 1.0, words, experiment, readings=changed, column=column)
+            yield Hypothesis("joint_columns", 1.0, words, experiment, readings=changed, column=column)
 
 
 def _shown(experiment: Experiment, readings: Readings, pendant: Array) -> Readings:
@@ -220,7 +200,7 @@ _LENGTHS = ((10.0, "cm"), (1e3, "m"), (25.4, "inches"))
 _WEIGHTS = ((9.80665, "kgf"), (4.4482216, "lbf"), (1e3, "kN"))
 
 
-def value_units(experiment: Experiment, readings: Readings) -> Iterator[ConventionChange]:
+def value_units(experiment: Experiment, readings: Readings) -> Iterator[Hypothesis]:
     """A column of displacements or positions in another unit than its header's; all columns of positions."""
     for position in (False, True):
         rows = (readings.is_position == position) & ~readings.is_gauge
@@ -238,12 +218,12 @@ def value_units(experiment: Experiment, readings: Readings) -> Iterator[Conventi
                 )
                 smaller = min(float(np.log(factor)), 0.0)
                 changed = readings.with_values(value)
-                yield ConventionChange(
+                yield Hypothesis(
                     "column_unit", factor, words, experiment, readings=changed, column=column, shrunk=smaller
                 )
 
 
-def force_units(experiment: Experiment, readings: Readings) -> Iterator[ConventionChange]:
+def force_units(experiment: Experiment, readings: Readings) -> Iterator[Hypothesis]:
     """A column of forces in another unit than its header's, where another column keeps its own."""
     wrench = readings.poses.wrench
     used = [i for i in range(3) if wrench[:, i].any()]
@@ -253,7 +233,7 @@ def force_units(experiment: Experiment, readings: Readings) -> Iterator[Conventi
             changed[:, i] *= factor
             words = f"the column {_FORCE[i]} is in {said}"
             poses = replace(readings.poses, wrench=changed)
-            yield ConventionChange(
+            yield Hypothesis(
                 "column_unit", factor, words, experiment, readings=readings.with_poses(poses), column=_FORCE[i]
             )
 
@@ -264,7 +244,7 @@ def _both(units: Sequence[tuple[float, str]], own: str) -> Iterator[tuple[float,
         yield 1.0 / factor, f"{own}, not in {name}"
 
 
-def position_axes(experiment: Experiment, readings: Readings) -> Iterator[ConventionChange]:
+def position_axes(experiment: Experiment, readings: Readings) -> Iterator[Hypothesis]:
     """Positions in a frame that is to be found, mirrored: one sign, or two axes exchanged, it is the same."""
     for f, name in enumerate(readings.frames):
         rows = readings.is_position & (readings.frame == f) & ~readings.is_gauge
@@ -273,12 +253,12 @@ def position_axes(experiment: Experiment, readings: Readings) -> Iterator[Conven
         value = np.where(rows[:, None], readings.value * [1.0, 1.0, -1.0], readings.value)
         where = f" of series {name}" if name else ""
         words = f"the positions{where} are mirror images: the sign of one axis is reversed, or two are exchanged"
-        yield ConventionChange(
+        yield Hypothesis(
             "position_axes", -1.0, words, experiment, readings=readings.with_values(value), column="x, y, z"
         )
 
 
-def exchanged_states(experiment: Experiment, readings: Readings) -> Iterator[ConventionChange]:
+def exchanged_states(experiment: Experiment, readings: Readings) -> Iterator[Hypothesis]:
     """Positions of loaded states that stand where those of the unloaded ones should, at all poses."""
     loaded = readings.states.loaded[readings.plus]
     key: dict[tuple[object, ...], int] = {}
@@ -293,7 +273,7 @@ def exchanged_states(experiment: Experiment, readings: Readings) -> Iterator[Con
     if not np.array_equal(order, np.arange(len(readings))):
         words = "the readings of the loaded and of the unloaded states are exchanged"
         changed = readings.with_values(readings.value[order])
-        yield ConventionChange("states_exchanged", 1.0, words, experiment, readings=changed, column="state")
+        yield Hypothesis("states_exchanged", 1.0, words, experiment, readings=changed, column="state")
 
 
 def _who(readings: Readings, i: int) -> tuple[object, ...]:
@@ -301,7 +281,7 @@ def _who(readings: Readings, i: int) -> tuple[object, ...]:
     return states.pose[s], int(states.repeat[s]), int(states.cycle[s]), int(readings.marker[i]), int(readings.frame[i])
 
 
-def tracker_axes(experiment: Experiment, readings: Readings) -> Iterator[ConventionChange]:
+def tracker_axes(experiment: Experiment, readings: Readings) -> Iterator[Hypothesis]:
     """Displacements along the axes of a tracker that nobody aligned: a frame is found for them."""
     base = ~readings.is_position & (readings.frame < 0) & ~readings.is_gauge
     if not (base & readings.use).any():
@@ -314,7 +294,7 @@ def tracker_axes(experiment: Experiment, readings: Readings) -> Iterator[Convent
     except InputError:  # too few, or all along one line
         return
     if np.trace(turned) < 1.0 + 2.0 * np.cos(_ALIGNED):
-        yield ConventionChange("tracker_axes", 1.0, words, experiment, readings=changed, column="dx, dy, dz", free=3)
+        yield Hypothesis("tracker_axes", 1.0, words, experiment, readings=changed, column="dx, dy, dz", free=3)
 
 
 def aligned(experiment: Experiment, turned: Readings, given: Readings) -> Readings:
@@ -344,16 +324,3 @@ _ALIGNED = np.deg2rad(10.0)
 """Axes nearer to those of the base may be the tracker's alignment, which is a cause of its own."""
 TRACKER = "tracker axes"
 """Name of the series that displacements along unknown axes are taken for."""
-
-
-def realigned(fit: Linearized, run: Slipped) -> Readings:
-    """The angles of a run of visits moved by one, up where each has those of the visit before, else down. One visit's
-    are then missing, so it is masked."""
-    seen, end = run.seen, len(run.seen) - 1
-    if run.by > 0:
-        poses = moved_up(fit.readings.poses, seen, range(run.first, run.last))
-    else:
-        poses = moved_up(fit.readings.poses, seen.reversed(), range(end - run.last, end - run.first))
-    lost = np.zeros(len(fit.readings), dtype=bool)
-    lost[fit.keep[seen.of == run.lost]] = True
-    return fit.readings.with_poses(poses).masked(lost)

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from qsframework.estimation import LinearFit
 from qsframework.estimation.projection import least_squares
 from qsframework.experiment import observation_model
+from qsframework.hypotheses.hypothesis import Hypothesis
 from qsframework.hypotheses.linearized import Linearized
-from qsframework.plugin import Array, Indices
+from qsframework.plugin import Array
 from qsframework.plugin.build import build_effects
 from qsframework.plugin.registry import with_role
 from qsframework.plugin.settings import place_fields
@@ -25,31 +24,7 @@ _RADII = (("0.5-inch", 6.35e-3), ("0.875-inch", 11.1125e-3), ("1.5-inch", 19.05e
 _NEAR = 0.1e-3
 
 
-@dataclass(frozen=True, eq=False)
-class Constant:
-    """All readings (R,) of a marker are `off` m too long along the line of sight.
-
-    value (R, 3) m: without it; tried: how many markers it was among
-    """
-
-    rows: Indices
-    marker: str
-    off: float
-    value: Array
-    tried: int
-
-    def described(self) -> str:
-        """In words, with the reflectors whose constants differ by so much."""
-        pairs = [(a, b) for a, ra in _RADII for b, rb in _RADII if a != b and abs(abs(self.off) - (ra - rb)) < _NEAR]
-        way = "long" if self.off > 0.0 else "short"
-        said = (
-            f"all positions of marker {self.marker} are {abs(self.off) * 1e3:.2f} mm too {way} along the line of sight"
-        )
-        said += ": its reflector has another constant"
-        return said + "".join(f", as between {a} and {b} ones" for a, b in pairs[:1])
-
-
-def marker_constant(fit: Linearized) -> Constant | None:
+def marker_constant(fit: Linearized) -> Hypothesis | None:
     """The marker whose positions fit far better with another constant, None where none does or where a marker that sits
     elsewhere on its link would do the same."""
     readings, rows = fit.readings, fit.rows
@@ -75,7 +50,25 @@ def marker_constant(fit: Linearized) -> Constant | None:
     at = fit.keep[own]
     value = readings.value.copy()
     value[at] -= off * sight[own]
-    return Constant(at, fit.experiment.markers[marker].name, off, value, len(markers))
+    changed = Hypothesis(
+        "marker_constant",
+        off,
+        _described(fit.experiment.markers[marker].name, off),
+        fit.experiment,
+        readings=readings.with_values(value),
+        free=1,
+        tried=len(markers),
+    )
+    return changed.at(at)
+
+
+def _described(marker: str, off: float) -> str:
+    """In words, with the reflectors whose constants differ by so much."""
+    pairs = [(a, b) for a, ra in _RADII for b, rb in _RADII if a != b and abs(abs(off) - (ra - rb)) < _NEAR]
+    way = "long" if off > 0.0 else "short"
+    said = f"all positions of marker {marker} are {abs(off) * 1e3:.2f} mm too {way} along the line of sight"
+    said += ": its reflector has another constant"
+    return said + "".join(f", as between {a} and {b} ones" for a, b in pairs[:1])
 
 
 def _fall(fit: LinearFit, columns: Array) -> tuple[float, Array]:

@@ -12,9 +12,12 @@ from itertools import combinations, permutations
 import numpy as np
 import numpy.typing as npt
 
+from qsframework.estimation import Independent, LinearFit
+from qsframework.estimation.linear_fit import chance
 from qsframework.estimation.tails import chi2_isf, chi2_sf, f_sf
 from qsframework.experiment import Experiment, Readings
 from qsframework.hypotheses.catalogue.rows import LEVEL, Finding, finding, lines
+from qsframework.hypotheses.linearized import Linearized
 from qsframework.plugin import Array, Indices
 
 Mask = npt.NDArray[np.bool_]
@@ -331,3 +334,38 @@ def _exchanged(readings: Readings, tool: MarkerTool, states: slice, order: Indic
         marker[rows[rows >= 0]] = tool.marker[k]
     rows = tool.rows[states][:, moved]
     return replace(finding("swapped_markers", readings, np.sort(rows[rows >= 0]), words), marker=marker)
+
+
+def tool_misfit(fit: Linearized, level: float) -> list[Finding]:
+    """Visits whose markers on one link did not move as a rigid body does."""
+    found = _tools(fit)
+    chi2, free = sum(t.chi2 for _, t in found), sum(t.dof for _, t in found)
+    out: list[Finding] = []
+    for own, t in found:
+        p = float(chance(t.chi2, t.dof, chi2, free, fit.stated))
+        if p * len(found) < level:
+            rows = fit.keep[own]
+            pose = fit.readings.states.pose[fit.readings.plus[rows[0]]]
+            told = ", ".join(str(fit.readings.line[i]) for i in rows)
+            words = f"rows {told} (pose {pose}): no rigid motion of the tool moves its markers like this (p = {p:.1g})"
+            out.append(finding("tool", fit.readings, rows, words))
+    return out
+
+
+def _tools(fit: Linearized) -> list[tuple[Indices, LinearFit]]:
+    """Rows of displacements of three or more markers of one link at one visit, and the fit of a rigid motion."""
+    readings, model, rows = fit.readings, fit.experiment.model(), fit.rows
+    place = model.positions(readings.poses.take(rows.plus), linear=True)
+    link = np.array([site.link for site in model.markers])
+    whole = (rows.minus >= 0) & np.isfinite(rows.measured).all(axis=1) & ~readings.is_gauge[rows.keep]
+    out: list[tuple[Indices, LinearFit]] = []
+    for m, body in sorted({(int(a), int(link[b])) for a, b in zip(rows.plus[whole], rows.marker[whole], strict=True)}):
+        some = np.flatnonzero((rows.plus == m) & (link[rows.marker] == body) & whole)
+        if len(some) < 3:
+            continue
+        r = place[some, rows.marker[some]]
+        r = r - r.mean(axis=0)
+        turn = -np.cross(r[:, None, :], np.eye(3)).transpose(0, 2, 1)  # (k, axis of the reading, axis of rotation)
+        motion = np.concatenate([np.broadcast_to(np.eye(3), turn.shape), turn], axis=2).reshape(-1, 6)
+        out.append((some, LinearFit.of(motion, rows.measured[some].ravel(), Independent(rows.sigma[some].ravel()))))
+    return [(some, t) for some, t in out if t.dof > 0]

@@ -7,12 +7,13 @@ springs and its sag.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from qsframework.estimation.variance_component import variance_component
 from qsframework.experiment import Experiment, ObservationModel, Readings
+from qsframework.hypotheses.hypothesis import Hypothesis
 from qsframework.hypotheses.linearized import of_observations
 from qsframework.hypotheses.outliers import widened
 from qsframework.plugin import Array, Indices
@@ -32,17 +33,9 @@ _MOST = 120
 """States that are looked at: enough to tell."""
 
 
-@dataclass(frozen=True)
-class Rounded:
-    """Angles in whole multiples of `step` rad; off: m, what this makes of a coordinate on average; evidence: nats."""
-
-    step: float
-    off: float
-    evidence: float
-
-
-def rounded_angles(experiment: Experiment, readings: Readings) -> Rounded | None:
-    """The rounding of the angles, where it is what the readings scatter by; None where the angles have all digits."""
+def rounded_angles(experiment: Experiment, readings: Readings) -> tuple[Hypothesis, float] | None:
+    """The rounding of the angles, where it is what the readings scatter by, with its evidence, nats; None where the
+    angles have all digits."""
     seen = widened(experiment, _some(readings))
     rows = seen.rows
     step = _step(experiment, seen)
@@ -61,7 +54,16 @@ def rounded_angles(experiment: Experiment, readings: Readings) -> Rounded | None
     if not 1.0 / _NEAR < angle / usual < _NEAR:
         return None
     off = float(np.sqrt(np.square(rows.noise.colour(turned)).sum(axis=1).mean())) * usual
-    return Rounded(step, off, 0.5 * found.gain)
+    return _told(experiment, readings, step, off), 0.5 * found.gain
+
+
+def _told(experiment: Experiment, readings: Readings, step: float, off: float) -> Hypothesis:
+    """Angles in whole multiples of `step` rad; off: m, what this makes of a coordinate on average."""
+    words = (
+        f"the angles are rounded to {float(np.rad2deg(step)):g} deg, which moves the markers by {off * 1e3:.2g} mm a "
+        "coordinate: write them with all digits of the controller"
+    )
+    return Hypothesis("angles_rounded", 1.0, words, experiment, readings=readings, hides=True, column="q", found=step)
 
 
 def _by_visit(turned: Array, visit: Indices) -> Array:

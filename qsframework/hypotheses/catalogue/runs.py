@@ -14,6 +14,8 @@ import numpy as np
 
 from qsframework.estimation import orthonormal
 from qsframework.hypotheses.catalogue.edits import INCH, SAYS
+from qsframework.hypotheses.catalogue.rows import among, lines
+from qsframework.hypotheses.hypothesis import Hypothesis
 from qsframework.hypotheses.linearized import Linearized
 from qsframework.plugin import Array, Indices
 
@@ -35,19 +37,7 @@ _MARKERS = 4
 """Markers of which all orders are tried."""
 
 
-@dataclass(frozen=True, eq=False)
-class RowRun:
-    """Rows (k,) of the readings whose values are others, and the values (R, 3) of all with them. name: as a
-    convention has it; what: they hold; lost: rows whose own value stands nowhere."""
-
-    name: str
-    what: str
-    rows: Indices
-    value: Array
-    lost: Indices
-
-
-def run_of_rows(fit: Linearized) -> RowRun | None:
+def run_of_rows(fit: Linearized) -> Hypothesis | None:
     """The run of rows with other values with which next to nothing is left; None without one.
 
     What makes readings smaller makes all misfits smaller: it is believed where nothing else comes near the noise.
@@ -55,7 +45,7 @@ def run_of_rows(fit: Linearized) -> RowRun | None:
     sigma = fit.rows.flat(fit.rows.sigma)
     Q, y = orthonormal(fit.slopes / sigma[:, None]), fit.errors / sigma
     near = NEAR_NOISE * (len(y) - Q.shape[1]) if fit.stated else 0.0
-    found: list[tuple[bool, bool, float, RowRun]] = []
+    found: list[tuple[bool, bool, float, Hypothesis]] = []
     visit = np.unique(np.stack([fit.rows.plus, fit.rows.minus], axis=1), axis=0, return_inverse=True)[1].ravel()
     each = int(np.median(np.bincount(visit)))
     for other in _others(fit, visit, each):
@@ -71,7 +61,9 @@ def run_of_rows(fit: Linearized) -> RowRun | None:
     return best[3] if best is not None and best[2] < MOST_OF_IT * _square(Q, y) else None
 
 
-def _judged(fit: Linearized, other: _Other, d: Array, Q: Array, y: Array, start: int, end: int) -> tuple[float, RowRun]:
+def _judged(
+    fit: Linearized, other: _Other, d: Array, Q: Array, y: Array, start: int, end: int
+) -> tuple[float, Hypothesis]:
     """What a run leaves without the rows that are lost, infinite where it says no more than none; and the run."""
     count, rows = len(fit.keep), np.arange(start, end)
     lost = np.arange(start - other.step, start) if other.step > 0 else np.arange(end, end - other.step)
@@ -82,7 +74,10 @@ def _judged(fit: Linearized, other: _Other, d: Array, Q: Array, y: Array, start:
     nothing = _square(own, (y - np.where(here, fit.rows.scalars / fit.rows.flat(fit.rows.sigma), 0.0))[kept])
     value = np.array(fit.readings.value)
     value[fit.keep[rows]] = other.value[rows]
-    run = RowRun(other.name, other.what, fit.keep[rows], value, fit.keep[lost])
+    changed = fit.readings.with_values(value).masked(among(fit.readings, fit.keep[lost]))
+    words = f"{lines(fit.readings, fit.keep[rows])}: {other.what}"
+    tried = len(fit.readings) ** 2
+    run = Hypothesis(other.name, 1.0, words, fit.experiment, readings=changed, tried=tried).at(fit.keep[rows])
     return (square if len(rows) and nothing - square > SAYS else np.inf), run
 
 

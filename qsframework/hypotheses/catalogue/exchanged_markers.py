@@ -1,0 +1,119 @@
+"""Markers that stand under one another's names at some visits, or everywhere.
+
+Two readings of one file are compared by their likelihood: where the file is right, another reading of it is better by
+a factor of c in at most 1 of c cases, so n alternatives at a level a need a factor of n / a.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+
+from qsframework.hypotheses.hypothesis import Hypothesis
+from qsframework.hypotheses.linearized import Linearized
+from qsframework.plugin import Array, Indices
+
+_SLACK = 16.0
+"""How much worse, in squares of the noise, an exchange may fit than leaving out the worst of its rows."""
+_AT_ONCE, _NUMBERS = 500, 20_000_000
+"""Exchanges tried in one product, and numbers in it: long files take fewer exchanges at once, and no more memory."""
+
+
+def exchanged_markers(fit: Linearized, level: float) -> Hypothesis | None:
+    """Two or three markers of one state, or of all states, that fit much better exchanged; None where none do."""
+    readings, swapped = fit.readings, _exchanges(fit, level)
+    if not swapped:
+        return None
+    value = np.array(readings.value)
+    for order, _ in swapped:
+        value[order[:, 0]] = readings.value[order[:, 1]]
+    words = "; ".join(words for _, words in swapped)
+    changed, tried = readings.with_values(value), 3 * len(readings.states)
+    change = Hypothesis("swapped_markers", 1.0, words, fit.experiment, readings=changed, tried=tried)
+    return change.at(np.unique(np.concatenate([order for order, _ in swapped])))
+
+
+def _exchanges(fit: Linearized, level: float) -> list[tuple[Indices, str]]:
+    """The exchanges as orders (k, 2), a row of the readings and the row whose value it should have, with words."""
+    of, marker = fit.rows.plus, fit.rows.marker
+    kind = 2 * fit.rows.frame + (fit.rows.minus < 0)
+    gauge = fit.readings.is_gauge[fit.keep]
+    whole = np.isfinite(fit.rows.measured).all(axis=1) & ~gauge
+    parts = [
+        np.flatnonzero((of == m) & (kind == k) & whole)
+        for m, k in sorted(set(zip(of.tolist(), kind.tolist(), strict=True)))
+    ]
+    orders = [order for rows in parts for order in _orders(rows)]
+    everywhere: dict[bytes, list[Indices]] = {}
+    for order in orders:
+        key = marker[order]
+        everywhere.setdefault(key[np.argsort(key[:, 0])].tobytes(), []).append(order)
+    candidates = [*orders, *(np.concatenate(group) for group in everywhere.values() if len(group) > 1)]
+    single = len(orders)
+    need = 2.0 * np.log(max(len(candidates), 1) / level)
+    out: list[tuple[Indices, str]] = []
+    able = np.ones(len(candidates), dtype=bool)
+    while able.any():
+        before = fit.fit.chi2
+        after = np.full(len(candidates), before)
+        after[able] += _changes(fit, [candidates[c] for c in np.flatnonzero(able)])
+        alone = fit.fit.misfits(fit.row, len(fit.keep))
+        for c in np.flatnonzero(able[:single]):
+            if after[c] > before - alone[candidates[c][:, 0]].max() + _SLACK * fit.fit.unit(float(after[c])):
+                after[c] = before  # one gross reading explains it as well
+        best = int(np.argmin(after))
+        if _gain(fit, before, float(after[best])) <= need:
+            break
+        chosen = candidates[best]
+        out.append((fit.keep[chosen], _swap_words(fit, chosen, best < single)))
+        fit = replace(fit, errors=fit.errors + _change(fit, chosen))
+        taken = set(chosen.ravel().tolist())
+        able &= np.array([not taken & set(c.ravel().tolist()) for c in candidates])
+    return out
+
+
+def _gain(fit: Linearized, before: float, after: float) -> float:
+    """2 log of how much likelier the readings are with a sum of squares `after` than `before`."""
+    if fit.stated:
+        return before - after
+    return fit.fit.dof * float(np.log(max(before, 1e-300) / max(after, 1e-300)))
+
+
+def _orders(rows: Indices) -> list[Indices]:
+    """Exchanges of two and of three rows: (k, 2), each row and the row whose reading it should have."""
+    out = [np.array([[a, b], [b, a]]) for a, b in combinations(rows.tolist(), 2)]
+    for a, b, c in combinations(rows.tolist(), 3):
+        out += [np.array([[a, b], [b, c], [c, a]]), np.array([[a, c], [c, b], [b, a]])]
+    return out
+
+
+def _change(fit: Linearized, order: Indices) -> Array:
+    """What an exchange (k, 2) adds to the errors (m,), m."""
+    measured = np.nan_to_num(fit.rows.measured)
+    d = np.zeros_like(measured)
+    d[order[:, 0]] = measured[order[:, 1]] - measured[order[:, 0]]
+    return fit.rows.flat(d)
+
+
+def _changes(fit: Linearized, orders: Sequence[Indices]) -> Array:
+    """How much the sum of squares changes with each exchange."""
+    r = fit.fit.white
+    at_once = max(1, min(_AT_ONCE, _NUMBERS // r.size))
+    out: list[Array] = []
+    for k in range(0, len(orders), at_once):
+        d = fit.noise.whiten(np.stack([_change(fit, o) for o in orders[k : k + at_once]], axis=1))
+        out.append(2.0 * r @ d + np.square(d).sum(axis=0) - np.square(fit.fit.Q.T @ d).sum(axis=0))
+    return np.concatenate(out)
+
+
+def _swap_words(fit: Linearized, order: Indices, single: bool) -> str:
+    readings = fit.readings
+    at = [fit.keep[i] for i in order[:, 0]]
+    names = [fit.experiment.markers[int(m)].name for m in np.unique(readings.marker[at])]
+    said = " and ".join(names) if len(names) == 2 else f"{', '.join(names[:-1])} and {names[-1]}"
+    where = f"pose {readings.states.pose[readings.plus[at[0]]]}" if single else "all poses"
+    rows = ", ".join(str(readings.line[i]) for i in fit.keep[np.unique(order)][:6])
+    return f"markers {said} are exchanged at {where} (rows {rows}): the readings fit far better if exchanged"
