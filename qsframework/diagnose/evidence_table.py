@@ -274,12 +274,11 @@ def _line(
 def _limits(library: Library, i: int, given: Sequence[int]) -> tuple[tuple[Parameter, float], ...] | None:
     """The largest size that the readings allow beside the named causes, 95 %, of each parameter by itself."""
     gram, at, cause = library.gram, library.gram.at[i], library.case.causes[i]
-    G, c = gram.beside(given)
-    G, c = G[np.ix_(at, at)], c[at]
-    values, vectors = np.linalg.eigh(G)
+    beside = gram.given(given)
+    values, vectors = np.linalg.eigh(beside.G[np.ix_(at, at)])
     turn = library.subspaces[i].turn @ vectors
     unit = library.unit(given)
-    z = vectors.T @ c
+    z = vectors.T @ beside.c[at]
     told = values > 1e-4
     if not told.any():
         return None

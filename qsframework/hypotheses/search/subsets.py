@@ -7,7 +7,7 @@ larger subsets those that grow from the best smaller ones.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations, pairwise
 from math import comb
@@ -115,10 +115,41 @@ class Gram:
         started = self.bounds.value >= self.bounds.lower
         return bool(np.all((ends >= self.bounds.lower - _BEYOND * self.bounds.sd) | ~started))
 
-    def beside(self, members: Sequence[int]) -> tuple[Array, Array]:
-        """G and c of all directions after a subset has taken its part."""
+    def given(self, members: Sequence[int], without: Sequence[int] = ()) -> Gram:
+        """The same after a subset has taken its part, without the directions of some causes."""
         (index,), (W,) = self._taken([members])
-        return self.G - self.G[:, index] @ W[:, :-1], self.c - self.G[:, index] @ W[:, -1]
+        return replace(
+            self,
+            G=self.G - self.G[:, index] @ W[:, :-1],
+            c=self.c - self.G[:, index] @ W[:, -1],
+            total=self.total - float(self.c[index] @ W[:, -1]),
+            at=tuple(at[:0] if i in without else at for i, at in enumerate(self.at)),
+        )
+
+    @cached_property
+    def whitening(self) -> tuple[Array, Indices]:
+        """H (K, k), which turns coefficients into independent ones along what each cause can do, and whose each is."""
+        half: list[Array] = []
+        for at in self.at:
+            values, vectors = np.linalg.eigh(self.G[np.ix_(at, at)])
+            kept = values > _FLOOR
+            half.append(vectors[:, kept] / np.sqrt(values[kept]))
+        owner = np.repeat(np.arange(len(half)), [h.shape[1] for h in half])
+        H = np.zeros((len(self.c), len(owner)))
+        for i, at in enumerate(self.at):
+            H[np.ix_(at, np.flatnonzero(owner == i))] = half[i]
+        return H, owner
+
+    def squares(self, parts: Array) -> Array:
+        """By how much each cause alone lowers the squares (draws, G), from coefficients along H (draws, k)."""
+        owner = self.whitening[1]
+        sided = np.array(self.sided)[owner] & (self.sizes[owner] == 1)
+        square = np.square(np.where(sided, np.maximum(parts, 0.0), parts))
+        out = np.zeros((len(parts), len(self.at)))
+        edges = np.flatnonzero(np.diff(owner, prepend=-1))
+        if len(edges):
+            out[:, owner[edges]] = np.add.reduceat(square, edges, axis=1)
+        return out
 
     def _taken(self, subsets: Sequence[Sequence[int]]) -> tuple[Indices, Array]:
         """Directions (n, k) of subsets that have as many, and what of all directions and the residuals they hold
