@@ -23,7 +23,8 @@ def run_diagnose(files: DiagnoseFiles, options: DiagnoseOptions, work: Work = HE
 
     if files.plan is not None:
         _alone(files, options)
-        run_foresight(files.experiment, files.plan, files.json, files.report, options.seed, work)
+        outputs = (files.json, files.report)
+        run_foresight(files.experiment, files.plan, *outputs, options.seed, work, verbose=files.verbose)
         return
     if work != HERE:
         raise InputError("--jobs and --dask go with a plan: the diagnosis of readings takes seconds")

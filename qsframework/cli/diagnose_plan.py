@@ -19,13 +19,15 @@ def run_foresight(
     report: Path | None = None,
     seed: int = 0,
     work: Work = HERE,
+    *,
+    verbose: bool = False,
 ) -> None:
     """Print, before anything is measured, what a plan would detect and name, and what stays invisible."""
     from qsframework.diagnose import forecast
     from qsframework.elastostatics import range_notes
     from qsframework.information import predicted_uncertainties
     from qsframework.report.plan_section import predicted_table
-    from qsframework.report.power_section import pair_table, power_section, size_table
+    from qsframework.report.power_section import kinds_table, pair_table, power_section, size_table
     from qsframework.report.result_json import foresight_json
     from qsframework.report.words.forecast import foresight_verdict, foresight_words
 
@@ -43,10 +45,12 @@ def run_foresight(
     verdict = foresight_verdict(found)
     print_verdict(verdict)
     print_table(uncertainties.header, uncertainties.rows)
-    for table in (size_table(found), pair_table(found)):
+    for table in (size_table(found), pair_table(found)) if verbose else (kinds_table(found),):
         if table.rows:
             print_table(table.header, table.rows)
-    print_folded(*foresight_words(found))
+    print_folded(*foresight_words(found, hidden=verbose)[1:])
+    if not verbose:
+        print("`--verbose` lists every cause with its smallest size, its alternatives and why it is not seen.")
     print_notes(range_notes(campaign.model(), planned.poses, planned.pose))
     print(f"next: measure the plan, then qsf diagnose {experiment} readings.csv")
     if json is not None:

@@ -27,6 +27,7 @@ from qsframework.report.words.law import place_words
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure as Plot
 
+_OUTLOOKS = (Outlook.NAMED, Outlook.DETECTED, Outlook.INVISIBLE)
 _LABELS = 50
 """Causes up to which the axes of the heat map carry all names."""
 
@@ -43,6 +44,20 @@ def size_table(foresight: Foresight) -> ReportTable:
         f"its aliases apart, in {100 * foresight.share:.0f} %. Of a cause with several parameters each stands for "
         "itself, the others at zero.",
         _folded("causes that the plan would show", len(rows)),
+    )
+
+
+def kinds_table(foresight: Foresight) -> ReportTable:
+    """Every kind of effect: the places where it would be named, only detected, or not be seen."""
+    kinds: dict[str, dict[Outlook, list[str]]] = {}
+    for p in foresight.prospects:
+        kind, _, where = p.name.partition("[")
+        kinds.setdefault(kind, {}).setdefault(p.status, []).append(where.removesuffix("]") or "yes")
+    rows = tuple((kind, *(", ".join(by.get(o, ())) for o in _OUTLOOKS)) for kind, by in sorted(kinds.items()))
+    return ReportTable(
+        ("effect", "can be named", "detected, not told from another", "invisible here"),
+        rows,
+        "Every effect of the library by its places, at realistic sizes.",
     )
 
 
@@ -171,7 +186,7 @@ def power_section(foresight: Foresight, title: str = "What this plan would show"
     """Everything that can be said before measuring."""
     names = [p.name for p in foresight.prospects]
     blocks: list[Text | ReportTable | Figure] = [Text(said) for said in foresight_words(foresight)[:1]]
-    blocks.append(size_table(foresight))
+    blocks += [kinds_table(foresight), size_table(foresight)]
     caption = (
         "Look where the curves cross the dotted line: there a cause is detected with the required power. s grows with "
         "the effect and with the square root of the number of readings; a cause with more parameters must show more "

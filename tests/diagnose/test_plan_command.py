@@ -51,9 +51,9 @@ def foresight(judged):
 
 def test_the_plan_is_judged_before_it_is_measured(judged):
     folder, said, _ = judged
-    assert "smallest size detected" in said
-    assert "confounded with the fitted parameters" in said
-    assert "thermal_expansion needs the column temperature" in said
+    assert "can be named" in said
+    assert "smallest size detected" not in said
+    assert "Only with the column temperature: thermal_expansion" in said
     content = json.loads((folder / "f.json").read_text())
     by_name = {c["id"]: c for c in content["causes"]}
     assert by_name["joint_hardening[joint_3]"]["sizes"][0]["detect"] > 0.0
@@ -64,6 +64,15 @@ def test_the_plan_is_judged_before_it_is_measured(judged):
     assert "Angles between causes" in page
     assert "Chance of detection" in page
     assert "http" not in page.split("<body>")[1].split("<script")[0]
+
+
+def test_a_plan_is_judged_at_length_where_asked(plan_file, foresight, monkeypatch, capsys):
+    monkeypatch.setattr(import_module("qsframework.diagnose"), "forecast", lambda *given, **more: foresight)
+    run_foresight(FILE, plan_file, verbose=True)
+    said = " ".join(capsys.readouterr().out.split())
+    assert "smallest size detected" in said
+    assert "confounded with the fitted parameters" in said
+    assert "separated from s" in said
 
 
 def _links(content):
@@ -78,12 +87,14 @@ def test_outputs_must_differ_from_the_plan(plan_file):
 def test_the_section_shows_every_cause_once(foresight):
     section = power_section(foresight)
     tables = [b for b in section.blocks if hasattr(b, "rows")]
-    listed = [row[0] for row in tables[0].rows]
+    listed = [row[0] for row in tables[1].rows]
+    every = [p.name for p in foresight.prospects]
+    kinds = [(row[0], where) for row in tables[0].rows for cell in row[1:] if cell for where in cell.split(", ")]
+    assert sorted(kind if where == "yes" else f"{kind}[{where}]" for kind, where in kinds) == sorted(every)
     for cell, _ in tables[-1].rows:
         kind, _, places = cell.partition(" ")
         listed += [f"{kind}[{where}]" if where else kind for where in places.split(", ")]
-    every = [p.name for p in foresight.prospects] + [u.name for u in foresight.untested]
-    assert sorted(listed) == sorted(every)
+    assert sorted(listed) == sorted(every + [u.name for u in foresight.untested])
     assert len(pair_table(foresight).rows) == len(foresight.pairs) > 0
     assert all(len(row) == len(size_table(foresight).header) for row in size_table(foresight).rows)
 

@@ -127,7 +127,7 @@ def test_says_what_is_invisible_and_why(foresight):
     assert {u.name: u.needs for u in foresight.untested}["tracker_drift"] == ("time", "time_unloaded")
     said = " ".join(foresight_words(foresight))
     assert "load_scale" in said
-    assert "tracker_drift needs the column time" in said
+    assert "Only with the column time and time_unloaded: tracker_drift" in said
 
 
 def test_aliases_stand_together(foresight):

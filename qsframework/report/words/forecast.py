@@ -19,8 +19,8 @@ _WORST = 3
 """Places that are told least of which it is said."""
 
 
-def foresight_words(found: Foresight) -> tuple[str, ...]:
-    """What the plan can and cannot tell, in sentences."""
+def foresight_words(found: Foresight, hidden: bool = True) -> tuple[str, ...]:
+    """What the plan can and cannot tell, in sentences; hidden: with all that it cannot show."""
     seen = [p for p in found.prospects if p.status is not Outlook.INVISIBLE]
     named = [p for p in seen if p.status is Outlook.NAMED]
     said = [
@@ -30,14 +30,22 @@ def foresight_words(found: Foresight) -> tuple[str, ...]:
     ]
     if found.groups:
         said.append("Cannot be separated: " + "; ".join(" / ".join(g) for g in found.groups) + ".")
+    said += _hidden_words(found) if hidden else ()
+    said += unknown_words(found.unknown) if found.unknown is not None else ()
+    needs: dict[tuple[str, ...], list[str]] = {}
+    for u in found.untested:
+        needs.setdefault(u.needs, []).append(u.name)
+    said += [f"Only with the column {' and '.join(own)}: {', '.join(names)}." for own, names in needs.items()]
+    return tuple(said)
+
+
+def _hidden_words(found: Foresight) -> Iterator[str]:
+    """What the plan cannot show, and why."""
     hidden: dict[Why | None, list[str]] = {}
     for p in found.prospects:
         if p.status is Outlook.INVISIBLE:
             hidden.setdefault(p.why, []).append(p.name)
-    said += [f"Invisible here, {kind_words(why)}: {', '.join(names)}." for why, names in hidden.items()]
-    said += unknown_words(found.unknown) if found.unknown is not None else ()
-    said += [f"{u.name} needs the column {' and '.join(u.needs)}." for u in found.untested]
-    return tuple(said)
+    yield from (f"Invisible here, {kind_words(why)}: {', '.join(names)}." for why, names in hidden.items())
 
 
 def unknown_words(found: UnknownOutlook) -> Iterator[str]:
