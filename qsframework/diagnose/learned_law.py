@@ -49,16 +49,21 @@ def best_law(
     if found.answers and certain is not found.extended:
         remaining = remaining_beside(base, (), certain, options)
     kept = [c for c in found.causes if set(c.names) <= set(certain.names)]
-    fitted = [(trial, base.refit([*kept, trial.cause])) for trial in remaining.law_trials]
-    possible = [(trial, fit) for trial, fit in fitted if fit is not None]
-    if not possible or possible[0][0] is not remaining.law_trials[0]:
+    if not remaining.law_trials:
         return None
-    plainest, alone = possible[0]
-    physical = _within_bounds(alone)
-    possible = [(trial, fit) for trial, fit in possible if _within_bounds(fit)] if physical else possible[:1]
+    plainest, *others = remaining.law_trials
+    alone = base.refit([*kept, plainest.cause])
+    if alone is None:
+        return None
+    physical, possible = _within_bounds(alone), [(plainest, alone)]
+    likely = shares([trial.evidence for trial in remaining.law_trials])[1:] if physical else ()
+    for trial in (trial for trial, share in zip(others, likely, strict=False) if share > 0.0):
+        other = base.refit([*kept, trial.cause])
+        if other is not None and _within_bounds(other):
+            possible.append((trial, other))
     odds = shares([trial.evidence for trial, _ in possible]).tolist()
     laws = [(share, trial.cause, fit) for share, (trial, fit) in zip(odds, possible, strict=True) if share > 0.0]
-    fit = alone if len(laws) == 1 else _average(base, kept, laws)
+    fit = laws[0][2] if len(laws) == 1 else _average(base, kept, laws)
     cases = [(share, base.case_at([*kept, cause], own)) for share, cause, own in laws]
     held = held_out_average(base.case_at(kept, certain), cases, options.seed, options.repeats)
     return LearnedLaw(
