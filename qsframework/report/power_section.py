@@ -55,7 +55,7 @@ def kinds_table(foresight: Foresight) -> ReportTable:
         kinds.setdefault(kind, {}).setdefault(p.status, []).append(where.removesuffix("]") or "yes")
     rows = tuple((kind, *(", ".join(by.get(o, ())) for o in _OUTLOOKS)) for kind, by in sorted(kinds.items()))
     return ReportTable(
-        ("effect", "can be named", "detected, not told from another", "invisible here"),
+        ("effect", "can be named", "detected, not separated", "invisible here"),
         rows,
         "Every effect of the library by its places, at realistic sizes.",
     )
