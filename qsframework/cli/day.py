@@ -111,6 +111,8 @@ def _watch(day: Day, files: DayFiles, folder: Path, once: bool) -> None:
             print_folded(question)
         asked = question
         if once:
+            if looked.empty:
+                print_folded(f"{folder}: no file lies there: let the instrument's software write its exports into it")
             for path in looked.unfinished:
                 print_folded(f"{path.name}: not taken: its last line has no end, so it may still be written")
             return
@@ -193,16 +195,21 @@ class _Looked:
         self._looks = int(_LONG / _POLL) if once else 1
         self._seen, self._taken, self.unfinished = dict[Path, _State](), set[_State](), list[Path]()
 
+    @property
+    def empty(self) -> bool:
+        """Whether no file lay there at the last look."""
+        return not self._seen
+
     def whole(self, folder: Path) -> Iterator[Path]:
         """Files that have an end and have stopped changing, and were not given as they are now; the oldest first.
 
         Files written within two seconds of each other, as a copied folder's are, come in the order of their names.
         """
         still: list[tuple[Path, _State]] = []
-        for _ in range(self._looks):
+        for look in range(self._looks):
             before, self._seen = self._seen, dict(_states(folder))
             still = [(path, state) for path, state in self._seen.items() if before.get(path) == state]
-            if self._seen and len(still) == len(self._seen):
+            if (self._seen or look) and len(still) == len(self._seen):
                 break
             time.sleep(_POLL)
         self.unfinished = [path for path, state in still if not _has_end(path, state)]

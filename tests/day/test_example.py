@@ -33,3 +33,14 @@ def test_the_example_is_what_its_maker_writes(root: Path, tmp_path: Path) -> Non
         made = tmp_path / path.relative_to(root / "examples" / "day")
         if path.name != "plan.json":  # it holds versions and hashes
             assert made.read_text() == path.read_text(), path.name
+
+
+def test_an_empty_folder_is_looked_at_once(root: Path, tmp_path: Path) -> None:
+    example = root / "examples" / "day"
+    files = [str(example / "experiment.yaml"), str(example / "plan.csv")]
+    command = [sys.executable, "-m", "qsframework", "day", *files, "-o", str(tmp_path / "day"), *DAY]
+    (tmp_path / "exports").mkdir()
+    done = subprocess.run(
+        [*command, "--watch", "exports"], cwd=tmp_path, capture_output=True, text=True, timeout=50, check=True
+    )
+    assert "exports: no file lies there" in done.stdout
