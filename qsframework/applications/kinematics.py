@@ -169,9 +169,10 @@ def _row(table: Denavit, convention: str, k: int) -> dict[str, float]:
 def _pose(matrix: Array) -> dict[str, float]:
     from scipy.spatial.transform import Rotation
 
-    x, y, z, w = Rotation.from_matrix(matrix[:3, :3]).as_quat().tolist()
-    place = (1e3 * matrix[:3, 3]).tolist()
-    return dict(zip(_POSE, [*place, *(np.copysign(1.0, w) * np.array([w, x, y, z])).tolist()], strict=True))
+    wxyz = np.roll(Rotation.from_matrix(matrix[:3, :3]).as_quat(), 1)
+    first = next(v for v in wxyz if abs(v) > _HALF_TURN)  # at half a turn rounding decides on the sign of w
+    values = np.concatenate([1e3 * matrix[:3, 3], np.copysign(1.0, first) * wxyz])
+    return dict(zip(_POSE, values.tolist(), strict=True))
 
 
 def _mapping(values: Mapping[str, Any]) -> str:
@@ -202,6 +203,8 @@ def read_table(path: Path) -> Denavit:
     )
 
 
+_HALF_TURN = 1e-12
+"""Scalar part of a quaternion below which its rotation is a half turn."""
 _POSE = ("x_mm", "y_mm", "z_mm", "quat_w", "quat_x", "quat_y", "quat_z")
 
 
