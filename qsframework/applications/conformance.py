@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -10,24 +11,22 @@ from typing import Any, get_args
 
 import numpy as np
 
+from qsframework.applications.first_campaign import first_campaign
 from qsframework.design import DesignOptions, design
 from qsframework.diagnose import diagnose
 from qsframework.diagnose.result import Verdict
 from qsframework.errors import QsfError
 from qsframework.experiment import Experiment, Plan, load_experiment, simulate
-from qsframework.files import write_text, yaml_text
+from qsframework.files import write_text
 from qsframework.identify import identify
 from qsframework.plugin import Array, Poses
 from qsframework.plugin.registry import with_role
 from qsframework.robot import Robot, load_robot
-from qsframework.robot.kinematics import joint_frames
 from qsframework.robot.statics import GravityCheck, check_gravity, check_kinematics
 
 POSES = 8
 _TRIED = 20
 _SDS = 4.0
-_WEIGHT = 10.0
-"""kg, on an arm whose payload and masses are unknown."""
 Progress = Callable[[str, int, int], None]
 STEPS = ("kinematics", "gravity", "model", "derivatives", "design", "identify", "diagnose")
 
@@ -81,38 +80,8 @@ def check_robot(robot: Robot | str | Path, seed: int = 0, progress: Progress | N
 
 
 def small_campaign(robot: Robot, folder: Path) -> Experiment:
-    """An experiment on the robot: a weight, the same with a side pull, three markers half as far apart as the wrist."""
-    weight = 0.8 * robot.payload if robot.payload else 0.1 * float(robot.facts.masses[1:].sum())
-    force = 9.81 * (weight or _WEIGHT)
-    size = 1e3 * _size(robot)
-    flange = robot.facts.flange
-    along = {"fx_N": 0.3 * force} if _slides_along_x(robot) else {}  # a gantry's beam, a track
-    data: dict[str, Any] = {
-        "robot": str(robot.folder),
-        "load": {"point_mm": [size, 0.3 * size, 0.5 * size]},
-        "markers": {
-            "m1": {"xyz_mm": [size, size, size], "link": flange},
-            "m2": {"xyz_mm": [2 * size, -size, 0.0], "link": flange},
-            "m3": {"xyz_mm": [0.0, -size, -size], "link": flange},
-        },
-        "noise": {"sigma_mm": 0.03},
-        "loads": [
-            {"name": "weight", "fz_N": -force},
-            {"name": "side_pull", "fz_N": -0.8 * force, "fy_N": 0.5 * force} | along,
-        ],
-    }
-    return load_experiment(write_text(folder / "experiment.yaml", yaml_text(data)))
-
-
-def _slides_along_x(robot: Robot) -> bool:
-    """Whether a joint slides along the base's x, at zero joint angles, so that only a pull that way loads it."""
-    axes = joint_frames(robot.facts, np.zeros((1, robot.facts.n))).axes[:, 0, 0]
-    return bool((np.abs(axes[list(robot.facts.sliding)]) > 0.5).any())
-
-
-def _size(robot: Robot) -> float:
-    """Length (m) of a tool that fits the arm: a tenth of all link lengths."""
-    return 0.1 * float(np.linalg.norm(robot.facts.placements[:, :3, 3], axis=1).sum())
+    """The first campaign on the robot, in a folder."""
+    return load_experiment(write_text(folder / "experiment.yaml", first_campaign(robot, json.dumps(str(robot.folder)))))
 
 
 def _kinematics(run: _Run) -> tuple[bool, str]:

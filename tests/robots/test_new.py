@@ -16,6 +16,7 @@ from qsframework.cli.check import check_files
 from qsframework.cli.main import app
 from qsframework.design import DesignOptions, design
 from qsframework.errors import InputError
+from qsframework.experiment import load_experiment
 from qsframework.robot import load_robot
 from qsframework.robot.new import new
 from qsframework.robot.reference import reference_flange
@@ -65,8 +66,6 @@ def test_the_page_runs(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     page = (root / "docs" / "add-a-robot.md").read_text()
     source = root / "robots" / "kuka_kr500_r2800_2" / "kuka_kr500_r2800_2.urdf.xacro"
     shutil.copy(source, tmp_path / "arm.urdf.xacro")
-    (experiment,) = re.findall(r"^```yaml\n(.*?)^```", page, re.M | re.S)
-    (tmp_path / "experiment.yaml").write_text(experiment)
     commands = [line for block in re.findall(r"^```sh\n(.*?)^```", page, re.M | re.S) for line in block.splitlines()]
     assert any(c.startswith("qsf design") for c in commands)
     monkeypatch.chdir(tmp_path)
@@ -76,6 +75,8 @@ def test_the_page_runs(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPat
         done = CliRunner().invoke(app, arguments)
         assert done.exit_code == 0, f"{command}: {done.output} {done.exception}"
     assert (tmp_path / "plan.csv").is_file()
+    first = load_experiment(tmp_path / "my_arm" / "experiment.yaml")
+    assert first.loads[0].wrench[2] == pytest.approx(-0.8 * 500 * 9.81, rel=0.01)
     one, two = load_robot("kuka_kr500_r2800_2"), load_robot(tmp_path / "my_arm")
     q = np.random.default_rng(0).uniform(-2, 2, (20, 6))
     np.testing.assert_allclose(reference_flange(two, q), reference_flange(one, q), atol=1e-12)
