@@ -8,8 +8,9 @@ from functools import partial
 from pathlib import Path
 
 from qsframework.cli.commands import distinct_outputs, write_json
+from qsframework.cli.kinds import kind
 from qsframework.cli.printing import print_folded
-from qsframework.errors import all_of
+from qsframework.errors import InputError, Problem, all_of
 from qsframework.experiment import (
     Experiment,
     Readings,
@@ -32,8 +33,15 @@ class Checked:
     words: str
     robot: Robot
     experiment: Experiment | None = None
+    data: tuple[Path, ...] = ()
     readings: Readings | None = None
     lines: tuple[Line, ...] = ()
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """What the next command takes: the experiment, and the readings that it does not name."""
+        named = self.experiment is None or self.data == self.experiment.data
+        return (self.file,) if named else (self.file, *self.data)
 
     def said(self) -> str:
         """What the terminal shows."""
@@ -47,20 +55,24 @@ class Checked:
 
 
 def check_files(files: Sequence[Path], json: Path | None, report: Path | None = None) -> None:
-    """Load each file; raise one InputError with the problems of all."""
+    """Load each file, readings with their experiment; raise one InputError with the problems of all."""
     distinct_outputs([json, report], [file for file in files if file.is_file()])
-    checked = all_of(partial(_check, file) for file in files)
+    by_kind = {file: kind(file) for file in files}
+    data = tuple(file for file in files if by_kind[file] == "readings")
+    if data and list(by_kind.values()).count("experiment") != 1:
+        raise InputError(Problem("readings are checked with one experiment", hint="qsf check EXPERIMENT READINGS..."))
+    checked = all_of(partial(_check, file, data) for file in files if file not in data)
     for one in checked:
         print_folded(f"{one.file}: {one.said()}")
-    if len(checked) == 1 and (experiment := checked[0].experiment) is not None:
-        print(f"next: qsf {'identify' if experiment.data else 'design'} {files[0]}")
+    if len(checked) == 1 and checked[0].experiment is not None:
+        print("next: qsf", "identify" if checked[0].data else "design", *checked[0].files)
     if json is not None:
         write_json(json, {str(one.file): one.said() for one in checked}, names=True)
     if report is not None:
         _report(checked, report)
 
 
-def _check(file: Path) -> Checked:
+def _check(file: Path, data: tuple[Path, ...]) -> Checked:
     named = not file.suffix and not file.exists()  # a robot that nobody knows is told with the names that there are
     if named or str(file) in robot_names() or file.name == "robot.yaml" or file.is_dir():
         robot = load_robot(file)
@@ -69,12 +81,13 @@ def _check(file: Path) -> Checked:
     experiment = load_experiment(file)
     words = f"experiment with {experiment.robot.name}, {len(experiment.markers)} markers"
     own = _of_robot(experiment.robot)
-    if not experiment.data:
+    sources = data or experiment.data
+    if not sources:
         return Checked(file, words, experiment.robot, experiment, lines=own)
-    readings = read_readings(experiment.data, experiment, "positions")
+    readings = read_readings(sources, experiment, "positions")
     words += f", {len(readings)} readings at {len(set(readings.pose))} poses"
     lines = (*own, *_lines(experiment, readings))
-    return Checked(file, words, experiment.robot, experiment, readings, lines)
+    return Checked(file, words, experiment.robot, experiment, sources, readings, lines)
 
 
 def _of_robot(robot: Robot) -> tuple[Line, ...]:
@@ -107,6 +120,6 @@ def _report(checked: Sequence[Checked], report: Path) -> None:
         if c.experiment is not None and c.readings is not None:
             sections.append(readings_section(c.experiment, c.readings, "/".join(c.file.parts[-2:])))
     sections += [robot_section(robot) for robot in {c.robot.folder: c.robot for c in checked}.values()]
-    files = [path for c in checked if c.experiment is not None for path in (c.experiment.path, *c.experiment.data)]
+    files = [path for c in checked if c.experiment is not None for path in (c.experiment.path, *c.data)]
     own = robots_computed([c.robot for c in checked], files)
     print(f"report: {write_report(report, 'Check', [*sections, own])}")

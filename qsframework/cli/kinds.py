@@ -6,10 +6,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from qsframework.errors import InputError, Problem
-from qsframework.files import read_text
 
 _HEADS = {"marker": "readings", "target": "targets"}
 """Columns that only one kind of table has; other tables of poses are plans."""
+_HEAD = 1_000_000
+"""Bytes of a file in which it says what it is: tables may be long."""
 
 
 def kind(path: Path) -> str:
@@ -17,10 +18,11 @@ def kind(path: Path) -> str:
     if path.suffix == ".json" or not path.is_file():
         return "fit" if path.suffix == ".json" else ""
     try:
-        text = read_text(path)
-    except InputError:  # told by who reads it
+        with path.open("rb") as file:
+            head = file.read(_HEAD).decode("utf-8-sig", errors="ignore")
+    except OSError:  # told by who reads it
         return ""
-    lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
+    lines = [line for line in head.splitlines() if line.strip() and not line.lstrip().startswith("#")]
     if not lines:
         return ""
     if lines[0].lstrip().startswith("{"):

@@ -84,7 +84,9 @@ def robots(json: Json = None, report: Report = None, trust: Trust = False) -> No
 
 @command
 def check(
-    files: Annotated[list[Path], typer.Argument(help="robot.yaml, experiment.yaml or a robot's name")],
+    files: Annotated[
+        list[Path], typer.Argument(help="robot.yaml, experiment.yaml with its readings, or a robot's name")
+    ],
     conformance: Annotated[bool, Option("Test the robots throughout, including a small simulated campaign.")] = False,
     json: Json = None,
     report: Report = None,

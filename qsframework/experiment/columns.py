@@ -20,7 +20,7 @@ from qsframework.files import read_text, write_text
 from qsframework.files.documents import DECIMAL
 from qsframework.plugin import Array, Indices
 
-LARGEST, MOST_LINES, MOST_COLUMNS = 50_000_000, 200_000, 1000
+LARGEST, MOST_LINES, MOST_COLUMNS = 100_000_000, 500_000, 1000
 """Bytes, lines and columns of a table."""
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1b\x1f\x7f-\x84\x86-\x9f]")
 """Characters that a terminal obeys instead of showing them."""

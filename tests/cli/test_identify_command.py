@@ -200,3 +200,11 @@ def test_a_check_reads_every_file(states: Path, simulated: Path, tmp_path: Path)
     shutil.copy(example("r2000ic") / "readings.csv", simulated)
     with pytest.raises(InputError, match="another robot"):
         run("check", str(experiment))
+
+
+def test_a_check_takes_readings_beside_the_experiment(simulated: Path) -> None:
+    said = " ".join(run("check", M900IB, str(simulated)).split())
+    assert "readings at" in said
+    assert f"next: qsf identify {M900IB} {simulated}" in said
+    with pytest.raises(InputError, match="checked with one experiment"):
+        run("check", str(simulated))

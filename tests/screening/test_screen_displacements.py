@@ -148,6 +148,25 @@ def test_what_readings_share_counts_in_every_test(m900ib: Experiment, two_loads:
     assert "m1 and m3" in found.words
 
 
+@pytest.mark.parametrize("everywhere", [False, True])
+def test_of_a_long_file_the_worst_rows_are_exchanged(
+    m900ib: Experiment, two_loads: Plan, monkeypatch: pytest.MonkeyPatch, everywhere: bool
+) -> None:
+    """As it is found among all rows: at one pose, or at all though not all were tried."""
+    given = clean(m900ib, two_loads)
+    first, third = np.flatnonzero(given.marker == 0), np.flatnonzero(given.marker == 2)
+    some = slice(None) if everywhere else slice(3, 4)
+    swapped = linearized(m900ib, copied(given, [*first[some], *third[some]], [*third[some], *first[some]]))
+    every = exchanged_markers(swapped, 0.01)
+    monkeypatch.setattr("qsframework.hypotheses.catalogue.exchanged_markers._WORK", 0)
+    monkeypatch.setattr("qsframework.hypotheses.catalogue.exchanged_markers._FEWEST", 20)
+    found = exchanged_markers(swapped, 0.01)
+    assert every is not None
+    assert found is not None
+    assert found.rows == every.rows
+    assert found.words == every.words
+
+
 def test_with_shared_readings_clean_ones_are_left_alone_and_gross_ones_found(
     m900ib: Experiment, two_loads: Plan
 ) -> None:

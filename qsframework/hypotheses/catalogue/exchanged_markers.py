@@ -6,7 +6,8 @@ a factor of c in at most 1 of c cases, so n alternatives at a level a need a fac
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from bisect import bisect_left
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
 
@@ -18,6 +19,8 @@ from qsframework.plugin import Array, Indices
 
 _SLACK = 16.0
 """How much worse, in squares of the noise, an exchange may fit than leaving out the worst of its rows."""
+_WORK, _FEWEST, _GROUPS = 300_000_000, 200, 20
+"""Exchanges that are tried times scalar readings, and how many are at least; exchanges in all states of a long file."""
 _AT_ONCE, _NUMBERS = 500, 20_000_000
 """Exchanges tried in one product, and numbers in it: long files take fewer exchanges at once, and no more memory."""
 
@@ -38,22 +41,13 @@ def exchanged_markers(fit: Linearized, level: float) -> Hypothesis | None:
 
 def _exchanges(fit: Linearized, level: float) -> list[tuple[Indices, str]]:
     """The exchanges as orders (k, 2), a row of the readings and the row whose value it should have, with words."""
-    of, marker = fit.rows.plus, fit.rows.marker
-    kind = 2 * fit.rows.frame + (fit.rows.minus < 0)
-    gauge = fit.readings.is_gauge[fit.keep]
-    whole = np.isfinite(fit.rows.measured).all(axis=1) & ~gauge
-    parts = [
-        np.flatnonzero((of == m) & (kind == k) & whole)
-        for m, k in sorted(set(zip(of.tolist(), kind.tolist(), strict=True)))
-    ]
-    orders = [order for rows in parts for order in _orders(rows)]
-    everywhere: dict[bytes, list[Indices]] = {}
-    for order in orders:
-        key = marker[order]
-        everywhere.setdefault(key[np.argsort(key[:, 0])].tobytes(), []).append(order)
-    candidates = [*orders, *(np.concatenate(group) for group in everywhere.values() if len(group) > 1)]
+    every = _together(fit)
+    few = _worst(fit, every)
+    orders = [order for rows in few for order in _orders(rows)]
+    candidates = [*orders, *_everywhere(fit.rows.marker, orders, () if few is every else every)]
     single = len(orders)
-    need = 2.0 * np.log(max(len(candidates), 1) / level)
+    tried = max(len(candidates), _count(np.array([len(rows) for rows in every])), 1)
+    need = 2.0 * np.log(tried / level)
     out: list[tuple[Indices, str]] = []
     able = np.ones(len(candidates), dtype=bool)
     while able.any():
@@ -73,6 +67,51 @@ def _exchanges(fit: Linearized, level: float) -> list[tuple[Indices, str]]:
         taken = set(chosen.ravel().tolist())
         able &= np.array([not taken & set(c.ravel().tolist()) for c in candidates])
     return out
+
+
+def _together(fit: Linearized) -> list[Indices]:
+    """Rows of a fit that may be exchanged: whole readings of one kind in one state."""
+    rows = np.flatnonzero(np.isfinite(fit.rows.measured).all(axis=1) & ~fit.readings.is_gauge[fit.keep])
+    kind = 2 * fit.rows.frame[rows] + (fit.rows.minus[rows] < 0)
+    label = np.unique(np.stack([fit.rows.plus[rows], kind], axis=1), axis=0, return_inverse=True)[1].ravel()
+    order = np.argsort(label, kind="stable")
+    return np.split(rows[order], np.cumsum(np.bincount(label))[:-1])
+
+
+def _worst(fit: Linearized, every: list[Indices]) -> list[Indices]:
+    """Of rows that may be exchanged all, or of long files those that fit worst: an exchange spoils both its rows."""
+    most = max(_FEWEST, _WORK // fit.fit.white.size)
+    if _count(np.array([len(rows) for rows in every])) <= most:
+        return every
+    misfit = fit.fit.misfits(fit.row, len(fit.keep))
+    part = np.repeat(np.arange(len(every)), [len(rows) for rows in every])
+    rows = np.concatenate(every)
+    worst = np.argsort(-misfit[rows], kind="stable")
+    used = bisect_left(range(len(rows)), True, key=lambda n: _count(np.bincount(part[worst[: n + 1]])) > most)
+    kept = np.sort(worst[:used])
+    return [rows[kept[part[kept] == k]] for k in np.unique(part[kept])]
+
+
+def _count(sizes: Indices) -> int:
+    """Exchanges of two and of three among so many rows each."""
+    return int((sizes * (sizes - 1) // 2 + sizes * (sizes - 1) * (sizes - 2) // 3).sum())
+
+
+def _everywhere(marker: Indices, orders: Sequence[Indices], more: Sequence[Indices]) -> Iterator[Indices]:
+    """The same exchange of markers in all states where it was tried at several; more: states in which it was not."""
+    groups: dict[bytes, list[Indices]] = {}
+    for order in orders:
+        key = marker[order]
+        groups.setdefault(key[np.argsort(key[:, 0])].tobytes(), []).append(order)
+    found = sorted((group for group in groups.values() if len(group) > 1), key=len, reverse=True)
+    if not len(more):
+        yield from map(np.concatenate, found)
+        return
+    places = [dict(zip(marker[rows].tolist(), rows.tolist(), strict=True)) for rows in more]
+    for group in found[:_GROUPS]:
+        pairs = marker[group[0]].tolist()
+        here = [p for p in places if all(a in p for a, _ in pairs)]
+        yield np.array([[p[a], p[b]] for p in here for a, b in pairs])
 
 
 def _gain(fit: Linearized, before: float, after: float) -> float:
