@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -290,35 +291,52 @@ class _Minimum:
 class _State:
     """Where a descent stands: z (q,), whitened residuals (m,), their cost, sensitivities J (m, q).
 
-    fresh: these were taken here, not at an earlier step; damping: of the next step; gain, moved: by how much the last
-    step was to change the residuals, and this in sds of a reading; idle: steps in a row of no less than half of the one
-    before; silent: trials so far without a finite prediction
+    fresh: these were taken here, not at an earlier step; damping: of the next step; last_gain, last_moved: `gain` and
+    `moved` of the last step; idle: steps in a row of no less than half of the one before; silent: trials so far without
+    a finite prediction
     """
 
+    problem: _Problem
     z: Array
     residuals: Array
     cost: float
     J: Array
     fresh: bool = True
     damping: float = 0.0
-    gain: float = np.inf
-    moved: float = np.inf
+    last_gain: float = np.inf
+    last_moved: float = np.inf
     idle: int = 0
     silent: int = 0
 
+    @cached_property
+    def linear(self) -> tuple[Array, Array]:
+        """The linear least squares A d = b (q + 1, q) of a step d from here, weighed by the loss, priors included."""
+        return _triangle(*self.problem.rows(self.z, self.residuals, self.J))
 
-@dataclass(frozen=True, eq=False)
-class _Linearised:
-    """The least squares A d = b of a state, and its solution: the undamped step (q,) with what it predicts.
+    @cached_property
+    def step(self) -> Array:
+        """The undamped step (q,): its solution within the bounds."""
+        return _bounded(*self.linear, self.z, self.problem.reduction, 0.0)
 
-    gain: norm of A step, by which residuals change; unit: root mean square of the residuals
-    """
+    @cached_property
+    def gain(self) -> float:
+        """By how much that step is to change the residuals: the norm of A step."""
+        return float(np.linalg.norm(self.linear[0] @ self.step))
 
-    A: Array
-    b: Array
-    step: Array
-    gain: float
-    unit: float
+    @property
+    def moved(self) -> float:
+        """The same in sds of a reading, by the root mean square of the residuals."""
+        unit = float(np.linalg.norm(self.linear[1])) / np.sqrt(len(self.residuals))
+        return self.gain / max(unit, 1e-300)
+
+    def stale(self, damping: float) -> bool:
+        """Whether sensitivities are no longer good after the step, with such damping of the next one."""
+        return self.moved > _NEAR or self.moved > _SLOW * self.last_moved or damping > 0.0
+
+    def seen(self, whole: Array | None = None) -> _State:
+        """The same state with sensitivities of its own; `whole`: where they are known."""
+        whole = self.problem.whole(self.z) if whole is None else whole
+        return replace(self, J=whole @ self.problem.reduction.T, fresh=True)
 
 
 def _descend(problem: _Problem, z: Array, tolerance: float) -> _Minimum:
@@ -328,20 +346,19 @@ def _descend(problem: _Problem, z: Array, tolerance: float) -> _Minimum:
         whole = problem.whole(z)  # says what is wrong with sensitivities alone
     if whole is None or not np.all(np.isfinite(r)):
         raise NotConverged("the model has no finite prediction at the start of the fit: check the nominal values")
-    at = _State(z=z, residuals=r, cost=problem.cost(z, r), J=whole @ problem.reduction.T)
+    at = _State(problem=problem, z=z, residuals=r, cost=problem.cost(z, r), J=whole @ problem.reduction.T)
     step, trace = 0, list[tuple[float, float]]()
     for step in range(1, _STEPS + 1):
-        local = _linearised(problem, at)
-        trace.append((local.gain, at.cost))
-        if not _settled(problem, at, local, tolerance):
-            at = _stepped(problem, at, local, step)
+        trace.append((at.gain, at.cost))
+        if not _settled(at, tolerance):
+            at = _stepped(at, step)
         elif at.fresh:
-            final = np.clip(at.z + local.step, problem.reduction.lower, problem.reduction.upper)
+            final = np.clip(at.z + at.step, problem.reduction.lower, problem.reduction.upper)
             r, whole = problem.both(final)
             whole = problem.whole(final) if whole is None else whole
             return _Minimum(problem.cost(final, r), final, r, whole, step)
         else:
-            at = _fresh(problem, at)
+            at = replace(at.seen(), damping=0.0)
         far = np.any(np.abs(at.z) > FAR * np.maximum(problem.reduction.spread, 1.0))
         if far or _goes_nowhere(trace, problem.digits()):
             break
@@ -357,78 +374,51 @@ def _goes_nowhere(trace: Sequence[tuple[float, float]], digits: float) -> bool:
     return slower and costs[-_LAPS] - costs[-1] < _FALL * costs[-_LAPS] and gains[-1] ** 2 > digits
 
 
-def _linearised(problem: _Problem, at: _State) -> _Linearised:
-    A, b = _triangle(*problem.rows(at.z, at.residuals, at.J))
-    step = _bounded(A, b, at.z, problem.reduction, 0.0)
-    unit = float(np.linalg.norm(b)) / np.sqrt(len(at.residuals))
-    return _Linearised(A, b, step, float(np.linalg.norm(A @ step)), unit)
-
-
-def _settled(problem: _Problem, at: _State, local: _Linearised, tolerance: float) -> bool:
+def _settled(at: _State, tolerance: float) -> bool:
     """Whether the next step changes nothing that is more than rounding, or far below the noise."""
-    if np.abs(local.step).max(initial=0.0) <= tolerance:
+    if np.abs(at.step).max(initial=0.0) <= tolerance:
         return True
-    size = float(np.linalg.norm(local.b))
-    if at.idle >= _IDLE and (local.gain**2 <= problem.digits() or local.gain <= _SLOPES * size):
+    A, b = at.linear
+    size = float(np.linalg.norm(b))
+    if at.idle >= _IDLE and (at.gain**2 <= at.problem.digits() or at.gain <= _SLOPES * size):
         return True
     still = tolerance * size
-    blur = max(problem.blur(), _BLUR * float(np.linalg.norm(np.abs(local.A) @ np.abs(at.z))))
-    return local.gain <= max(still, blur)
+    blur = max(at.problem.blur(), _BLUR * float(np.linalg.norm(np.abs(A) @ np.abs(at.z))))
+    return at.gain <= max(still, blur)
 
 
-def _fresh(problem: _Problem, at: _State) -> _State:
-    """The same state with sensitivities of its own, undamped."""
-    return replace(_seen(problem, at), damping=0.0)
+def _stepped(at: _State, step: int) -> _State:
+    """The state after one step, as damped as it must be, or with its own sensitivities where none is any good.
 
-
-def _seen(problem: _Problem, at: _State, whole: Array | None = None) -> _State:
-    """The same state with sensitivities of its own; `whole`: where they are known."""
-    whole = problem.whole(at.z) if whole is None else whole
-    return replace(at, J=whole @ problem.reduction.T, fresh=True)
-
-
-def _stepped(problem: _Problem, at: _State, local: _Linearised, step: int) -> _State:
-    """The state after one step, as damped as it must be, or with its own sensitivities where none is any good."""
-    reduction = problem.reduction
+    It has the sensitivities of the one before where these are still good.
+    """
+    problem, reduction, (A, b) = at.problem, at.problem.reduction, at.linear
     worst = at.cost * (1.0 + 1e-13) + problem.digits()
-    size = np.maximum(np.linalg.norm(local.A, axis=0), 1e-12)
+    size = np.maximum(np.linalg.norm(A, axis=0), 1e-12)
+    idle = at.idle + 1 if at.gain > 0.5 * at.last_gain else 0
+    left = replace(at, fresh=False, last_gain=at.gain, last_moved=at.moved, idle=idle)
     damping, silent = at.damping, at.silent
     for trial in range(_DAMPINGS):
-        d = local.step if damping == 0.0 else _bounded(local.A, local.b, at.z, reduction, damping, size)
+        d = at.step if damping == 0.0 else _bounded(A, b, at.z, reduction, damping, size)
         z = np.clip(at.z + d, reduction.lower, reduction.upper)
         after = damping / 10.0 if 1e-6 <= damping <= _STOOD else 0.0
-        anew = trial == 0 and _stale(at, local, after)  # the first one is hardly ever refused
-        r, whole = problem.both(z) if anew else (problem.residuals(z), None)
+        stale = at.stale(after)
+        first = trial == 0  # hardly ever refused
+        r, whole = problem.both(z) if stale and first else (problem.residuals(z), None)
         cost = problem.cost(z, r)
         if cost <= worst:
-            there = replace(at, z=z, residuals=r, cost=cost, damping=after, silent=silent)
-            return _moved(problem, at, local, there, whole)
+            there = replace(left, z=z, residuals=r, cost=cost, damping=after, silent=silent)
+            return there.seen(whole) if stale else there
         silent += not np.isfinite(cost)
         if silent > _SILENT:
             raise _NoAnswer(f"the model has no answer where the fit leads: {_farthest(problem, z)}")
         damping = max(10.0 * damping, 1e-6)
     if not at.fresh:
-        return _fresh(problem, replace(at, silent=silent))
+        return replace(at.seen(), damping=0.0, silent=silent)
     raise NotConverged(
         f"the fit is stuck after {step} steps: no step lowers the sum of squares, though it has a slope. "
         "Look at the readings' units, start nearer, or fix a parameter"
     )
-
-
-def _stale(before: _State, local: _Linearised, damping: float) -> bool:
-    """Whether sensitivities are no longer good after a step, damped like the next one."""
-    moved = local.gain / max(local.unit, 1e-300)
-    return moved > _NEAR or moved > _SLOW * before.moved or damping > 0.0
-
-
-def _moved(problem: _Problem, before: _State, local: _Linearised, at: _State, whole: Array | None) -> _State:
-    """The state that a step led to, with the sensitivities of the one before where these are still good; `whole`, where
-    they were taken with the residuals."""
-    idle = before.idle + 1 if local.gain > 0.5 * before.gain else 0
-    at = replace(at, gain=local.gain, moved=local.gain / max(local.unit, 1e-300), idle=idle, fresh=False)
-    if not _stale(before, local, at.damping):
-        return at
-    return _seen(problem, at, whole)
 
 
 def _triangle(A: Array, b: Array) -> tuple[Array, Array]:
