@@ -42,41 +42,44 @@ def element_readings(ev: PlacedArm, sensed: Sensed | None, response: Response | 
     deflects. Not of the elements that loops and compensators turn."""
     count, batch = len(ev.model.layout.chain), len(ev.poses)
     bending = None if response is None else _bending(ev, response, loaded)
-    out = np.zeros((count, len(ev.state.markers), 3, batch))
+    bent = bending is not None and bool(np.any(bending.eps))
+    straight = sensed is None or bool(np.all(sensed.by_position == np.eye(3)))
+    out = np.empty((count, len(ev.state.markers), 3, batch))
+    first: dict[int, tuple[PlacedSite, Array, Array]] = {}
     for k, marker in enumerate(ev.state.markers):
-        shift, spin = _shift(marker, count, bending)
-        if sensed is None:
-            out[:, k] = shift
-            continue
-        out[:, k] = _times(sensed.by_position[:, k], shift)
-        if np.any(sensed.by_rotation[:, k]):
-            turned = sensed.turned[k].T
-            turn = np.zeros_like(shift)
-            turn[: marker.elements.upstream] = _times(exponential(turned), marker.elements.angular)
-            if spin is not None:
-                turn += _times(left_jacobian(turned), spin)
+        if bent or marker.site.link not in first:
+            shift, turn = _motion(marker, count, bending, response.eps if bent and response is not None else None)
+            first[marker.site.link] = marker, shift, turn
+        else:  # where nothing is bent, those on one link move as one body does
+            other, shift, turn = first[marker.site.link]
+            shift = shift + cross(turn, marker.position - other.position)
+        out[:, k] = shift if sensed is None or straight else _times(sensed.by_position[:, k], shift)
+        if sensed is not None and np.any(sensed.by_rotation[:, k]):
             out[:, k] += _times(sensed.by_rotation[:, k], turn)
     return out
 
 
-def _shift(marker: PlacedSite, count: int, bending: Bending | None) -> tuple[Array, Array | None]:
-    """Shift and spin (m, 3, N) of a marker per unit of each element; no spin of a rigid arm.
+def _motion(marker: PlacedSite, count: int, bending: Bending | None, eps: Array | None) -> tuple[Array, Array]:
+    """Shift and turn (m, 3, N) of a marker per unit of each element.
 
     Elements beyond the marker's link move it too: they shift the masses and the load that bend the arm before it.
+    eps (ne, N): deflection of the coordinates, None where nothing is deflected
     """
     columns, u = marker.elements, marker.elements.upstream
-    shift = np.zeros((count, *marker.position.shape))
-    shift[:u] = columns.linear
+    shift, turn = np.zeros((2, count, *marker.position.shape))
+    shift[:u], turn[:u] = columns.linear, columns.angular
     if bending is None:
-        return shift, None
-    spin = np.zeros_like(shift)
-    shift[:u] += twists_along(columns, bending.eps[:u]).linear
-    moving = columns.angular * bending.eps[:u, None, :]
-    spin[:u] = cross(columns.angular, moving.sum(axis=0) - np.cumsum(moving, axis=0))
-    for c in np.flatnonzero(bending.rate.any(axis=(1, 2))):
-        shift += marker.linear[c] * bending.rate[c, :, None, :]
-        spin += marker.angular[c] * bending.rate[c, :, None, :]
-    return shift, spin
+        return shift, turn
+    soft = np.flatnonzero(bending.rate.any(axis=(1, 2)))
+    spin = np.einsum("ckn,cmn->mkn", marker.angular[soft], bending.rate[soft])
+    if eps is not None:
+        shift[:u] += twists_along(columns, bending.eps[:u]).linear
+        moving = columns.angular * bending.eps[:u, None, :]
+        spin[:u] += cross(columns.angular, moving.sum(axis=0) - np.cumsum(moving, axis=0))
+        turned = np.einsum("ecn,en->nc", marker.angular, eps)
+        turn, spin = _times(exponential(turned), turn), _times(left_jacobian(turned), spin)
+    shift += np.einsum("ckn,cmn->mkn", marker.linear[soft], bending.rate[soft])
+    return shift, turn + spin
 
 
 def _bending(ev: PlacedArm, response: Response, loaded: bool) -> Bending | None:

@@ -153,8 +153,9 @@ def _softest(model: Structure, x: Array, eps: Array, moved: Array) -> str:
 
 def _chord(slope: Array, K: springs.ParallelStiffness, H: Array, rhs: Array) -> Array:
     """Two terms of (I + diag(slope) (K - H))^-1 in powers of H, which is small beside the springs."""
-    first = springs.solve(K, slope, rhs)
-    return first + springs.solve(K, slope, slope * np.einsum("abn,bn->an", H, first))
+    inverted = springs.inverse(K, slope)
+    first = springs.solve(K, inverted, rhs)
+    return first + springs.solve(K, inverted, slope * np.einsum("abn,bn->an", H, first))
 
 
 def _deflected(model: Structure, commanded: Motion, eps: Array) -> State:

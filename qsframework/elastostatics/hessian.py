@@ -14,7 +14,7 @@ import numpy as np
 from qsframework.elastostatics.loads import Applied, wrench_along
 from qsframework.elastostatics.motion import Motion
 from qsframework.elastostatics.pulls import Pull, on_coordinates
-from qsframework.elastostatics.springs import Torques
+from qsframework.elastostatics.springs import Torques, joint_rates, sandwich
 from qsframework.elastostatics.state import State
 from qsframework.plugin import Array
 from qsframework.robot.gravity import mass_columns
@@ -25,53 +25,56 @@ def load_hessian(
     state: State, applied: Applied, gravity: Array, torques: Torques, drawn: Sequence[Pull | None], weight: float = 1.0
 ) -> Array:
     """H (ne, ne, N): tip load (times `weight`, 0 for the unloaded state), gravity and compensators."""
-    count, batch = len(state.motion.layout.chain), state.motion.q.shape[-1]
-    elements, used = np.zeros((count, count, batch)), state.motion.used
-    torque = np.zeros((count, batch))
+    motion, wrench = state.motion, applied.wrench.T * weight
+    pull = np.broadcast_to(gravity[:, None], wrench[:3].shape)
+    acting = [(state.tip.elements, wrench[:3])] if weight else []
+    acting += [(columns, pull) for columns in mass_columns(state.placed, applied.moments)]
+    elements = _of_forces(acting, motion.used, wrench.shape[1])
     if weight:
-        wrench = applied.wrench.T * weight
-        _add_force(elements, used, state.tip.elements, wrench[:3])
-        _add_moment(elements, used, state.tip.elements, wrench[3:])
-        u = state.tip.elements.upstream
-        torque[:u] += np.einsum("ecn,cn->en", state.tip.elements.linear, wrench[:3])
-        torque[:u] += np.einsum("ecn,cn->en", state.tip.elements.angular, wrench[3:])
-    pull = np.broadcast_to(gravity[:, None], (3, batch))
-    for columns in mass_columns(state.placed, applied.moments):
-        _add_force(elements, used, columns, pull)
-        torque[: columns.upstream] += np.einsum("ecn,cn->en", columns.linear, pull)
+        _add_moment(elements, motion.used, state.tip.elements, wrench[3:])
+    place = {e: i for i, e in enumerate(motion.used)}
+    coefficients = tuple(tuple((place[e], rate) for e, rate in terms) for terms in motion.coefficients)
+    H = on_coordinates(coefficients, elements)
     for joints, term in torques:
-        rows = [state.motion.layout.joint_elements[j] for j in joints]
-        elements[np.ix_(rows, rows)] += term.dq.transpose(1, 2, 0)
-        torque[rows] += term.value.T
-    for pull in drawn:
-        if pull is not None and pull.acts:
-            elements[np.ix_(pull.between, pull.between)] -= pull.stiffness()
-            torque += pull.torque()
-    return (
-        on_coordinates(state.motion.coefficients, elements)
-        + _curvature(state.motion, torque)
-        + _turning(state, applied, weight)
-    )
+        rates = joint_rates(motion, joints)
+        H[np.ix_(rates.active, rates.active)] += sandwich(rates.E, term.dq.transpose(1, 2, 0), rates.E)
+    drawn = [spring for spring in drawn if spring is not None and spring.acts]
+    for spring in drawn:
+        H -= spring.on(motion.coefficients, spring.stiffness())
+    H += _turning(state, applied, weight)
+    if motion.layout.loops:
+        torque = sum((spring.torque() for spring in drawn), np.zeros((len(motion.layout.chain), wrench.shape[1])))
+        for columns, force in acting:
+            torque[: columns.upstream] += np.einsum("ecn,cn->en", columns.linear, force)
+        if weight:
+            columns = state.tip.elements
+            torque[: columns.upstream] += np.einsum("ecn,cn->en", columns.angular, wrench[3:])
+        for joints, term in torques:
+            torque[[motion.layout.joint_elements[j] for j in joints]] += term.value.T
+        H += _curvature(motion, torque)
+    return H
 
 
-def _add_force(total: Array, used: Sequence[int], columns: Twists, force: Array) -> None:
-    """H_ab += f . (omega_a x v_b) for a <= b, symmetric; of the elements that elastic coordinates move."""
-    rows = np.array([e for e in used if e < columns.upstream], dtype=int)
-    found = np.einsum("acn,bcn->abn", cross(force[None], columns.angular[rows]), columns.linear[rows])
-    a, b = np.triu_indices(len(rows))
-    total[rows[a], rows[b]] += found[a, b]
-    a, b = np.triu_indices(len(rows), 1)
-    total[rows[b], rows[a]] += found[a, b]
+def _of_forces(acting: Sequence[tuple[Twists, Array]], used: Sequence[int], batch: int) -> Array:
+    """H_ab = f . (omega_a x v_b) for a <= b, symmetric (u, u, N), of the elements that elastic coordinates move."""
+    total = np.zeros((len(used), len(used), batch))
+    for columns, force in acting:
+        own = [e for e in used if e < columns.upstream]
+        lever = cross(force[None], columns.angular[own])
+        total[: len(own), : len(own)] += np.einsum("acn,bcn->abn", lever, columns.linear[own])
+    later, earlier = np.tril_indices(len(used), -1)
+    total[later, earlier] = total[earlier, later]
+    return total
 
 
 def _add_moment(total: Array, used: Sequence[int], columns: Twists, moment: Array) -> None:
     """H_cd += m . (omega_d x omega_c) for d < c: not symmetric."""
     if not np.any(moment):
         return
-    rows = np.array([e for e in used if e < columns.upstream], dtype=int)
-    found = np.einsum("dkn,ckn->dcn", cross(moment[None], columns.angular[rows]), columns.angular[rows])
-    d, c = np.triu_indices(len(rows), 1)
-    total[rows[c], rows[d]] += found[d, c]
+    angular = columns.angular[[e for e in used if e < columns.upstream]]
+    found = np.einsum("dkn,ckn->dcn", cross(moment[None], angular), angular)
+    d, c = np.triu_indices(len(angular), 1)
+    total[c, d] += found[d, c]
 
 
 def _curvature(motion: Motion, torque: Array) -> Array:

@@ -80,11 +80,11 @@ def sense(
     """Read the markers at the commanded pose deflected by eps (ne, N); None for a state placed where it settles."""
     position = np.stack([m.position for m in state.markers])
     turn = np.zeros_like(position)
+    rotation = np.stack([m.rotation for m in state.markers], axis=1)
     if eps is not None:
         position = position + np.stack([np.einsum("ecn,en->cn", m.linear, eps) for m in state.markers])
         turn = np.stack([np.einsum("ecn,en->cn", m.angular, eps) for m in state.markers])
-    turned = exponential(turn.transpose(2, 0, 1))
-    rotation = turned @ np.stack([m.rotation for m in state.markers], axis=1)
+        rotation = exponential(turn.transpose(2, 0, 1)) @ rotation
     reading = position.transpose(2, 0, 1)
     passed: list[tuple[Sensor, Reading, Array]] = []
     for sensor, x in sensors:

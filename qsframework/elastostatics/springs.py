@@ -159,7 +159,7 @@ class Response:
 
     def react(self, rhs: Array) -> Array:
         """Solve (I + diag(slope) K_par) d eps = rhs (ne, ..., N)."""
-        return _solve(self.stiffness, self.inverse, rhs)
+        return solve(self.stiffness, self.inverse, rhs)
 
 
 def system(stiffness: ParallelStiffness, slope: Array) -> Array:
@@ -177,7 +177,8 @@ def inverse(stiffness: ParallelStiffness, slope: Array) -> Array | None:
     return np.asarray(np.linalg.inv(A.transpose(2, 0, 1)).transpose(1, 2, 0), dtype=np.float64)
 
 
-def _solve(stiffness: ParallelStiffness, inverse: Array | None, rhs: Array) -> Array:
+def solve(stiffness: ParallelStiffness, inverse: Array | None, rhs: Array) -> Array:
+    """Solve (I + diag(slope) K_par) d = rhs (ne, ..., N) by the inverse."""
     if inverse is None:
         return rhs
     out = rhs.copy()
@@ -186,16 +187,11 @@ def _solve(stiffness: ParallelStiffness, inverse: Array | None, rhs: Array) -> A
     return out
 
 
-def solve(stiffness: ParallelStiffness, slope: Array, rhs: Array) -> Array:
-    """Solve (I + diag(slope) K_par) d = rhs (ne, N)."""
-    return _solve(stiffness, inverse(stiffness, slope), rhs)
-
-
 def respond_linear(compliance: Array, torque: Array, stiffness: ParallelStiffness) -> Response:
     """eps = (I + diag(c) K_par)^-1 diag(c) torque."""
     slope = compliance[:, None]
     inverted = inverse(stiffness, slope)
-    eps = _solve(stiffness, inverted, slope * torque)
+    eps = solve(stiffness, inverted, slope * torque)
     return Response(
         eps=eps, T=torque - stiffness.times(eps), slope=slope, stiffness=stiffness, laws=(), inverse=inverted
     )
@@ -235,7 +231,7 @@ def respond(compliance: Array, torque: Array, stiffness: ParallelStiffness, bend
     error, T, slope, terms = residual(eps)
     for _ in range(_STEPS):
         inverted = inverse(stiffness, slope)
-        step = _solve(stiffness, inverted, error)
+        step = solve(stiffness, inverted, error)
         if np.all(np.abs(step) <= _TOLERANCE * np.maximum(np.abs(eps), 1e-9)):
             return Response(eps=eps - step, T=T, slope=slope, stiffness=stiffness, laws=terms, inverse=inverted)
         eps, (error, T, slope, terms) = _backtrack(residual, eps, step, error)
