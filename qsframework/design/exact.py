@@ -13,7 +13,6 @@ from qsframework.design.criteria import Criterion
 from qsframework.design.interior import moments_of
 from qsframework.design.minimax import Robust
 from qsframework.errors import NotIdentifiable
-from qsframework.information.rows import block_scores, root
 from qsframework.plugin import Array, Indices
 from qsframework.work import HERE, Work, run
 
@@ -61,6 +60,16 @@ class _Board:
 
     def value(self, M: Array) -> float:
         return float(self.rule.value(M))
+
+    def with_one(self, M: Array, index: Indices) -> Array:
+        """The criterion (m,) of M and one of m candidates."""
+        if self.rows.shape[2] >= self.rows.shape[3]:
+            return self.rule.value(M + self.moments[index])
+        return self.rule.with_one(M, self.rows[index])
+
+    def scores(self, slope: Array) -> Array:
+        """<G, M_i> (N,)."""
+        return self.moments.reshape(len(self.moments), -1) @ slope.ravel()
 
 
 def exchange(
@@ -188,17 +197,18 @@ def _best(board: _Board, others: Indices, group: int, ridge: Array, thorough: bo
     members = quotas.groups[group]
     base = board.information(others) + ridge
     if not quotas.repeats:
-        members = members[~np.isin(quotas.place[members], quotas.place[others])]
+        open_ = np.ones(quotas.place.max() + 1, dtype=bool)
+        open_[quotas.place[others]] = False
+        members = members[open_[quotas.place[members]]]
     if len(members) > _TRIED and not (thorough and board.rule.kinked):
-        slope = board.rule.expansion(base, _KINK).slope
-        rank = block_scores(board.rows, [root(G) for G in slope])[members]
+        rank = board.scores(board.rule.expansion(base, _KINK).slope)[members]
         few = members[np.argpartition(-rank, _TRIED)[:_TRIED]]
         # psi is convex: without a kink no candidate falls below the tangent, and few can be the best one
         members = members[_may_win(board, base, few, rank)] if thorough else few
     best, best_value = -1, np.inf
     for start in range(0, len(members), 4096):
         part = members[start : start + 4096]
-        trial = board.rule.with_one(base, board.rows[part])
+        trial = board.with_one(base, part)
         i = int(np.argmin(trial))
         if trial[i] < best_value:
             best, best_value = int(part[i]), float(trial[i])
@@ -207,5 +217,5 @@ def _best(board: _Board, others: Indices, group: int, ridge: Array, thorough: bo
 
 def _may_win(board: _Board, base: Array, few: Indices, rank: Array) -> npt.NDArray[np.bool_]:
     """Which candidates, of these scores, can be as good as the best of a few: their tangents lie as low."""
-    reached = float(board.rule.with_one(base, board.rows[few]).min())
+    reached = float(board.with_one(base, few).min())
     return board.value(base) * (1.0 - rank) <= reached + 1e-9 * abs(reached)
