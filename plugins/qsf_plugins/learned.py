@@ -1,4 +1,4 @@
-"""Laws that readings taught: what nobody has written, with its weights, its prior and its range."""
+"""Laws learned from readings: what nobody has written, with its weights, its prior and its range."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The load differs from what was hung on by a law that readings taught."""
+"""The load differs from what was hung on by a law learned from readings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A marker, or all that the instrument reads, moves by a law that readings taught."""
+"""A marker, or all that the instrument reads, moves by a law learned from readings."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ KINDS = ("position", "displacement", "gauge")
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Found:
-    """What a method found: the bridge at its values, the solution, and what it left aside.
+    """What a method found: the bridge at its values, the solution, and what is not estimated.
 
     covariance (p, p) of noise of the stated size; solved: the observations of the solution, weak holds included
     """

@@ -20,7 +20,7 @@ _NOTHING = 1e-6
 _SHARE = 0.2
 _NAMED = 5
 _TOLD = 10.0
-"""A parameter of the geometry that is told only to more than so many natural sizes is left aside; markers never are."""
+"""Natural sizes: a parameter of the geometry whose sd is larger than so many is held at nominal; markers never are."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class NotEstimated(FileRecord):
 def choose(rows: Array, names: Sequence[str], limits: Array) -> tuple[list[int], tuple[NotEstimated, ...]]:
     """Take columns of rows (m, p), whitened and scaled by natural sizes, in their order.
 
-    A column is left aside where those taken before leave less than REDUNDANT of it, or where its
+    A column is not taken where those taken before leave less than REDUNDANT of it, or where its
     parameter would be told only to more than `limits` (p,) of its natural sizes; beyond a million of them it is not
     told at all.
     """
@@ -101,6 +101,6 @@ def kinds_of(model: Model, kind: type) -> set[str]:
 
 
 def limits_of(model: Model, names: Sequence[str]) -> Array:
-    """How many natural sizes a parameter (p,) may be uncertain by before it is left aside."""
+    """How many natural sizes a parameter (p,) may be uncertain by before it is held at nominal."""
     geometry = kinds_of(model, Geometry)
     return np.array([_TOLD if n in geometry else np.inf for n in names])

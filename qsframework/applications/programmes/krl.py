@@ -173,7 +173,7 @@ def _assigned(line: SourceStatement) -> Iterator[Sequence[Token]]:
             yield line.tokens[left_of(line.tokens, k) : k]
 
 
-def taught(path: Path, text: str) -> list[ProgrammePoint]:
+def programmed(path: Path, text: str) -> list[ProgrammePoint]:
     """The points that a text gives numbers, whatever else it holds."""
     names = Names(literal=literal)
     for line in statements(path, tokenise(text, GRAMMAR)):

@@ -1,4 +1,4 @@
-"""The taught positions of a programme as a log of joint angles, for `import`."""
+"""The programmed positions of a programme as a log of joint angles, for `import`."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def joint_log(path: Path, text: str) -> tuple[tuple[str, ...], list[tuple[int, t
     elif maker == "fanuc":
         found = [(p.label, p) for p in fanuc.positions(path, list(tokenise(text, fanuc.GRAMMAR)))]
     elif maker == "kuka":
-        found = [(re.sub(r"^X(?=\w)", "", p.name), p) for p in krl.taught(path, text)]
+        found = [(re.sub(r"^X(?=\w)", "", p.name), p) for p in krl.programmed(path, text)]
     elif maker:
         found = list(_moved(parse_source(maker, {path: text}, {})))
     else:
