@@ -8,7 +8,7 @@ from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
 
-from qsf_plugins.spring_triangle import Pull, SpringTriangle, check_label, stated
+from qsf_plugins.spring_triangle import SpringTriangle, Tension, check_label, stated
 from qsframework.plugin import (
     Array,
     Context,
@@ -131,10 +131,10 @@ class GasBalancer(ParallelSpring):
         pressure, volume, exponent, lc, l2, zero = x
         return SpringTriangle(lc, l2).torque(q[:, 0] + zero, self.pull(pressure, volume, exponent))
 
-    def pull(self, pressure: float, volume: float, exponent: float) -> Callable[[Array], Pull]:
+    def pull(self, pressure: float, volume: float, exponent: float) -> Callable[[Array], Tension]:
         """F at lengths s (N,) m. InputError where the gas has no volume left."""
 
-        def law(s: Array) -> Pull:
+        def law(s: Array) -> Tension:
             A, n = self._area, exponent
             V = volume - A * (s - self.length)
             if not np.all(V > 0.0):
@@ -145,6 +145,6 @@ class GasBalancer(ParallelSpring):
             stiff = n * A**2 / V
             dx = A * np.stack([ratio, p_V0, p * ln], axis=1)
             dsx = np.stack([stiff * ratio, stiff * (p_V0 - p / V), stiff * p * (1.0 / n + ln)], axis=1)
-            return Pull(A * (p - AMBIENT), stiff * p, stiff * p * (n + 1.0) * A / V, dx, dsx)
+            return Tension(A * (p - AMBIENT), stiff * p, stiff * p * (n + 1.0) * A / V, dx, dsx)
 
         return law

@@ -24,7 +24,7 @@ _LABEL = re.compile(r"[A-Za-z0-9_-]*")
 
 
 @dataclass(frozen=True)
-class Pull:
+class Tension:
     """A pull F (N,) N that draws the pivots together at lengths s (N,), by s twice, and by the p parameters of its law.
 
     ds, dss (N,); dx, dsx (N, p)
@@ -37,13 +37,13 @@ class Pull:
     dsx: Array
 
 
-def spring(stiffness: float, free_length: float) -> Callable[[Array], Pull]:
+def spring(stiffness: float, free_length: float) -> Callable[[Array], Tension]:
     """Equation (8), F = K_c (s - s0), by K_c and s0."""
 
-    def pull(s: Array) -> Pull:
+    def pull(s: Array) -> Tension:
         stretch, one = s - free_length, np.ones_like(s)
         dx, dsx = np.stack([stretch, -stiffness * one], axis=1), np.stack([one, 0.0 * one], axis=1)
-        return Pull(stiffness * stretch, stiffness * one, 0.0 * one, dx, dsx)
+        return Tension(stiffness * stretch, stiffness * one, 0.0 * one, dx, dsx)
 
     return pull
 
@@ -65,7 +65,7 @@ class SpringTriangle:
         """s(b), equation (7): s^2 = lc^2 + l2^2 - 2 lc l2 cos b."""
         return np.sqrt(self.lc**2 + self.l2**2 - 2.0 * self.lc * self.l2 * np.cos(b))
 
-    def torque(self, b: Array, law: Callable[[Array], Pull]) -> TorqueTerm:
+    def torque(self, b: Array, law: Callable[[Array], Tension]) -> TorqueTerm:
         """-M on the joint at b (N,), equation (9) for any law, with dM/db, (11) for a spring.
 
         By the law's parameters, then by lc, l2 and b itself, of which an error of the attachment's angle is one.

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from qsframework.design.candidates import Candidates
-from qsframework.design.reading import FRAME_SD, Reading, StationRows, sample_rows
+from qsframework.design.reading import FRAME_SD, CandidateReading, StationRows, sample_rows
 from qsframework.elastostatics import Model, Site
 from qsframework.errors import InputError, NotIdentifiable, Problem
 from qsframework.estimation import RankTest, rank_test, scales
@@ -55,7 +55,7 @@ class DesignProblem:
 
     experiment: Experiment
     pendant: Array
-    reading: Reading
+    reading: CandidateReading
     counts: tuple[int | None, ...]
     least: tuple[int, ...]
     total: float
@@ -198,7 +198,7 @@ def make_problem(
     return replace(draft, rows=_rows(draft, progress, work))
 
 
-def _none(reading: Reading, names: Sequence[str]) -> Array:
+def _none(reading: CandidateReading, names: Sequence[str]) -> Array:
     return np.zeros((len(reading.samples), len(names), len(names)))
 
 
@@ -224,7 +224,7 @@ def _check_counts(
         raise InputError(f"the loads ask for {asked:g} poses in all, the plan has {total:g}")
 
 
-def make_reading(experiment: Experiment, samples: Array | None = None) -> Reading:
+def make_reading(experiment: Experiment, samples: Array | None = None) -> CandidateReading:
     """How an experiment's candidates are read. InputError where nobody states the noise."""
     names, loads = experiment.fit_names(), experiment.cases
     at = start_values(experiment, names)[None] if samples is None else samples
@@ -232,7 +232,7 @@ def make_reading(experiment: Experiment, samples: Array | None = None) -> Readin
     known = {frame.series for frame in experiment.frames}
     reads = any(load.of_positions for load in loads)
     unknown = [s.name for s in stations if s.name not in known] if reads else []
-    reading = Reading(
+    reading = CandidateReading(
         experiment=experiment,
         names=names,
         samples=at,
@@ -244,7 +244,7 @@ def make_reading(experiment: Experiment, samples: Array | None = None) -> Readin
     return reading
 
 
-def seen_by_some(reading: Reading, pendant: Array) -> Array:
+def seen_by_some(reading: CandidateReading, pendant: Array) -> Array:
     """The poses at which some station sees a marker. InputError where there is none."""
     experiment = reading.experiment
     if any(s.xyz is None for s in reading.stations) or any(load.gauge is not None for load in reading.loads):
@@ -364,7 +364,7 @@ def _rows(problem: DesignProblem, progress: Progress | None, work: Work) -> Cand
     return StationRows(reading, source, weights, problem.stations)
 
 
-def _chunk(shared: tuple[Reading, bool], task: tuple[Poses, Indices]) -> tuple[Array, Array]:
+def _chunk(shared: tuple[CandidateReading, bool], task: tuple[Poses, Indices]) -> tuple[Array, Array]:
     """Rows of poses, and their weights from every station."""
     (reading, linear), (poses, load) = shared, task
     if reading.plain:

@@ -28,7 +28,7 @@ no harm. It is worth 1e-10 of a reading."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Reading:
+class CandidateReading:
     """How candidates are read: under which of the loads, from which of the stations, for which parameters.
 
     samples (S, q): parameter values that rows are taken at; slots: of each station the number of its unknown frame
@@ -172,10 +172,10 @@ def sample_rows(
 class StationRows(CandidateRows):
     """Rows of the same poses from several stations, one station after the other.
 
-    source: `Reading.bare` of the L N candidates of one station; weights (C, L N, K): of each station in use
+    source: `CandidateReading.bare` of the L N candidates of one station; weights (C, L N, K): of each station in use
     """
 
-    reading: Reading
+    reading: CandidateReading
     source: CandidateRows
     weights: Array
     used: tuple[int, ...]

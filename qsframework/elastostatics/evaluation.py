@@ -33,7 +33,7 @@ from qsframework.robot.kinematics import Twists
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
+class CommandedStiffness:
     """The stiffness that parallel springs have beside their torque, where the arm is commanded: motion, the rates of
     the touched joints, and the stiffness (J, J, N) on these."""
 
@@ -60,7 +60,7 @@ class PlacedArm:
     faces: tuple[springs.Faces, ...]
     pulls: tuple[pulls.Pull | None, ...]
     rates: springs.JointRates
-    held: Held | None
+    held: CommandedStiffness | None
     settled: Array | None = None
 
     @property
@@ -143,7 +143,7 @@ def evaluate_stages(model: Structure, poses: Poses, x: Array, preload: bool, loa
         faces=faces,
         pulls=drawn,
         rates=rates,
-        held=Held(motion, rates, joint_stiffness),
+        held=CommandedStiffness(motion, rates, joint_stiffness),
         stiffness=K,
         laws=elastic_laws(model, x, motion.context),
     )

@@ -13,7 +13,7 @@ import numpy as np
 from qsframework.elastostatics import springs
 from qsframework.elastostatics.direct import element_readings, geometry_tangents
 from qsframework.elastostatics.equilibrium import Settled, settle, stiffness_left
-from qsframework.elastostatics.evaluation import Held, PlacedArm, gather
+from qsframework.elastostatics.evaluation import CommandedStiffness, PlacedArm, gather
 from qsframework.elastostatics.sensors import said, sense
 from qsframework.elastostatics.structure import Structure
 from qsframework.elastostatics.tangents import changes, reading_along
@@ -115,7 +115,9 @@ def _placed(at: SettledState) -> PlacedArm:
     held = None
     if stiff:
         own = springs.joint_rates(commanded, touched, rates.active)
-        held = Held(commanded, own, gather(touched, [(f.joints, f.stiffness.value) for f in faces], batch))
+        held = CommandedStiffness(
+            commanded, own, gather(touched, [(f.joints, f.stiffness.value) for f in faces], batch)
+        )
     return PlacedArm(
         model=model,
         x=x,

@@ -14,7 +14,7 @@ _LEVEL = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
-class Moved:
+class ParameterChange:
     """A parameter that both campaigns identified, SI: its value and sd now and before; beyond: moved further than the
     two uncertainties explain, at 1 % for all parameters together."""
 
@@ -38,7 +38,7 @@ def same_readings(fit: FitRecord, before: FitRecord) -> bool:
     return fit.account.shares(before.account.marks) or before.account.shares(fit.account.marks)
 
 
-def moved(fit: FitRecord, before: FitRecord) -> tuple[Moved, ...]:
+def moved(fit: FitRecord, before: FitRecord) -> tuple[ParameterChange, ...]:
     """The parameters that both fits have, with the load's stated uncertainty in their sds.
 
     The two are taken as independent; of fits to the same readings nothing is beyond.
@@ -48,7 +48,7 @@ def moved(fit: FitRecord, before: FitRecord) -> tuple[Moved, ...]:
     apart = not same_readings(fit, before)
     limit = float(normal_isf(0.5 * _LEVEL / max(len(both), 1)))
     return tuple(
-        Moved(
+        ParameterChange(
             name=e.name,
             unit=e.unit,
             value=e.value,
