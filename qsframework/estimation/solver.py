@@ -423,9 +423,7 @@ def _stepped(at: _State, step: int) -> _State:
 
 def _triangle(A: Array, b: Array) -> tuple[Array, Array]:
     """The same least squares in few rows: the triangular factor of (m, q + 1)."""
-    if len(A) <= A.shape[1] + 1:
-        return A, b
-    R: Array = np.asarray(np.linalg.qr(np.column_stack([A, b]), mode="r"))
+    R = _factor(np.column_stack([A, b]))
     return R[:, :-1], R[:, -1]
 
 
@@ -462,8 +460,8 @@ def _solution(problem: _Problem, best: _Minimum) -> Solution:
     z, r = best.z, best.residuals
     reduction = problem.reduction
     x, whole = reduction.x(z), best.whole
-    rows = np.vstack([whole @ reduction.T, problem.prior(z)[1]])
-    R = np.asarray(np.linalg.qr(rows, mode="r")) if len(rows) > rows.shape[1] else rows
+    told = _factor(whole @ reduction.T)
+    R = _factor(np.vstack([told, problem.prior(z)[1]]))
     bound = (z <= reduction.lower) | (z >= reduction.upper)
     inside = np.flatnonzero(~bound)
     stopped = tuple(n for i in np.flatnonzero(bound) for n in reduction.names[i])
@@ -482,14 +480,19 @@ def _solution(problem: _Problem, best: _Minimum) -> Solution:
         free=len(inside),
         weights=problem.loss.weights(r),
         free_sd=_sds(R, reduction.T) * np.sqrt(robust),
-        alone_sd=_sds(_alone(problem, whole @ reduction.T), reduction.T) * np.sqrt(robust),
+        alone_sd=_sds(_alone(problem, told), reduction.T) * np.sqrt(robust),
         hat=whole @ (T @ half),
         robust=robust,
     )
 
 
+def _factor(rows: Array) -> Array:
+    """The triangular factor (q, q) of rows (m, q); the rows themselves where they are few."""
+    return np.asarray(np.linalg.qr(rows, mode="r")) if len(rows) > rows.shape[1] else rows
+
+
 def _alone(problem: _Problem, J: Array) -> Array:
-    """Rows of the readings J (m, q) and of stated sds that count as such, with no weak hold."""
+    """Rows of the readings J (m, q), or their factor, and of stated sds that count as such, with no weak hold."""
     o, T = problem.observations, problem.reduction.T
     stated = [i for i, p in enumerate(o.parameters) if problem.priors and p.sd is not None and np.any(T[i])]
     return np.vstack([J, *(T[i : i + 1] / (o.parameters[i].sd or 1.0) for i in stated)])
