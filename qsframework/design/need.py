@@ -118,8 +118,9 @@ def plan_for(
                 return np.inf
         return float(_at_points(experiment, made[count], points, site)[0].max())
 
-    first = max(_FIRST, ceil(2 * len(experiment.fit_names()) / (3 * len(experiment.markers))))
-    count, least = _searched(value, made, wanted, min(first, most), most)
+    fewest, most = _allowed(experiment, most)
+    first = max(_FIRST, fewest, ceil(2 * len(experiment.fit_names()) / (3 * len(experiment.markers))))
+    count, least = _searched(value, made, wanted, min(first, most), fewest, most)
     plan = made[count]
     variances, shares = _at_points(experiment, plan, points, site)
     short = max(value(count) / wanted, 1.0) if wanted > 0.0 else np.inf
@@ -135,14 +136,25 @@ def plan_for(
     )
 
 
+def _allowed(experiment: Experiment, most: int) -> tuple[int, int]:
+    """The fewest and the most poses of a plan: what its loads ask for, and two for several parameters, which a fit of
+    one pose alone refuses."""
+    cases = experiment.cases
+    asked = sum(case.poses or case.poses_min or 0 for case in cases)
+    if cases and all(case.poses is not None for case in cases):
+        return asked, asked
+    fewest = max(asked, min(len(experiment.fit_names()), 2))
+    return fewest, max(most, fewest)
+
+
 def _searched(
-    value: Callable[[int], float], made: dict[int, Plan], wanted: float, trial: int, most: int
+    value: Callable[[int], float], made: dict[int, Plan], wanted: float, trial: int, fewest: int, most: int
 ) -> tuple[int, int]:
     """The fewest poses found with a value of at most `wanted`, or the last that were tried; and a bound on them.
 
     The value falls about as one over the number of poses.
     """
-    bad, good, least, last = 0, 0, 1, trial
+    bad, good, least, last = fewest - 1, 0, fewest, trial
     for _ in range(_TRIES):
         found = value(trial)
         if np.isfinite(found):

@@ -105,3 +105,14 @@ def test_loads_that_no_pose_is_planned_under(tmp_path: Path) -> None:
     text = TEXT + "load: {point_mm: [60, 0, 40]}\npositions: {}\nloads: [{name: weight, fz_N: -50}]\n"
     said = designed(tmp_path, text, "-n", "20")
     assert "Note: no pose is planned under weight: leave it out, or state its poses_min." in said
+
+
+def test_the_smallest_plan_has_the_poses_that_its_loads_ask_for(tmp_path: Path) -> None:
+    """And two for several parameters: a fit of one pose is refused."""
+    text = TEXT.replace("rigid: true\n", "").replace(
+        "fit: [geometry]", 'fit: ["joint_compliance[joint_2]", "joint_compliance[joint_3]"]'
+    )
+    text += "load: {point_mm: [60, 0, 40]}\nloads: [{name: weight, fz_N: -50}, {name: pull, fz_N: -40, fy_N: 25"
+    asked = ["--for", str(tmp_path / "task.yaml"), "--accuracy-mm", "5", "--candidates", "60"]
+    assert designed(tmp_path, text + "}]\n", *asked).startswith("Plan ready: 2 poses")
+    assert designed(tmp_path, text + ", poses: 4}]\n", *asked).startswith("Plan ready: 4 poses")

@@ -62,7 +62,7 @@ def need_words(found: Needed) -> list[str]:
     reached = f"{1e3 * found.reached.max():.3f} mm (k = 2, at point {found.worst + 1})"
     frame = "Positions are meant in the base frame that the parameters held at nominal define."
     if found.enough:
-        fewest = f"; over the candidates no plan of fewer than {found.least} poses does, by the certificate"
+        fewest = f"; over the candidates no plan of fewer than {found.least} poses is allowed and does"
         return [f"{count} poses reach {reached}, {asked} was asked for{fewest}. {frame}"]
     if found.repeatability >= found.accuracy:
         limit = f"the arm's own repeatability alone is {1e3 * found.repeatability:.3f} mm, which no plan reduces"
