@@ -25,7 +25,11 @@ def parallel_sign(robot: RobotFacts, driver: str, driven: str) -> float:
     first, second = robot.joint_index(driver), robot.joint_index(driven)
     rotation = between(robot, first, second)[:3, :3]
     cosine = float(robot.axes[first] @ rotation @ robot.axes[second])
-    if second <= first or abs(abs(cosine) - 1.0) > 1e-6:
+    if second <= first:
+        raise InputError(
+            Problem(f"{driven} cannot be driven by {driver}: it comes before it in the arm", hint="Exchange the two.")
+        )
+    if abs(abs(cosine) - 1.0) > 1e-6:
         raise InputError(f"a loop needs parallel axes: {driver} and {driven} are not (cosine {cosine:.6f})")
     return float(np.sign(cosine))
 

@@ -47,6 +47,10 @@ def run_day(files: DayFiles, options: ProtocolOptions, port: int, once: bool = F
     """Serve the page until Ctrl-C, or take what comes into a folder; once: what lies there now, and end."""
     from qsframework.report.words.day import mistake_words, slot_words, spoilt_words
 
+    if once and files.watch is None:
+        raise InputError("--once goes with --watch: the page serves until Ctrl-C")
+    if files.watch is not None and not files.watch.is_dir():
+        raise InputError(f"--watch: no folder {files.watch}")
     experiment = load_experiment(files.experiment)
     day = begin(experiment, plan_of(files.plan, experiment), files.folder, options)
     done = len(day.record.rows)
@@ -92,8 +96,6 @@ def _watch(day: Day, files: DayFiles, folder: Path, once: bool) -> None:
     """A line for every state that comes in; what is typed decides on those that wait."""
     from qsframework.report.words.day import can_correct, slot_words
 
-    if not folder.is_dir():
-        raise InputError(f"--watch: no folder {folder}")
     print(f"watching {folder}: Ctrl-C ends it; the same command resumes the session", flush=True)
     looked, typed, asked, plain = _Looked(once), _Typed(), "", list[Path]()
     while not typed.end and (day.next is not None or (day.record.doubtful and typed.open)):

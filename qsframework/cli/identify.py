@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from qsframework.report.blocks import Verdict
 
 
+_MASKED = {"gross": "masked by the fit, outlier", "doubled_rows": "masked by the fit"}
 _ROWS, _NOT_ESTIMATED = 11, 4
 """Rows of the parameters and of those that were not estimated, unless all are wanted."""
 
@@ -101,7 +102,7 @@ def _tell(result: Fit, verdict: Verdict, other: FitRecord | None, verbose: bool)
     sentences = (*first_words(result), *pair, verdict_words(result), *result.account.extension)
     print_folded(*sentences, *alignment_words(result.alignments), *result.notes)
     for one in result.gross:
-        print_folded(f"{'masked by the fit, outlier' if one.kind == 'gross' else one.kind}: {one.words}")
+        print_folded(f"{_MASKED.get(one.kind, one.kind)}: {one.words}")
     if any(one.kind == "block" for one in result.gross):
         print("nothing was masked; --clean masks them, --keep-all says that they are right")
     print()

@@ -276,7 +276,7 @@ def _cells(path: Path, lines: list[tuple[int, str]], foreign: str | None = None)
             message = f"the columns are separated by {name}"
             allowed = "a comma between columns, a point in numbers"
             raise InputError(Problem(message, str(path), number, allowed=allowed, hint=foreign))
-    return out
+    return [(number, cells) for number, cells in out if any(cell.strip() for cell in cells)]  # rows of a spreadsheet
 
 
 def _check_robot(path: Path, lines: list[tuple[int, str]], robot: str) -> None:

@@ -107,8 +107,9 @@ def constraint_problems(document: Document, spec: ExperimentSpec, robot: Robot) 
     own = limits.collision or limits.sight is not None
     others = limits.floor is not None or bool(limits.obstacles)
     if not robot.shapes and (own or (others and limits.tool_radius is None)):
-        hint = "Give its links boxes, cylinders, spheres or meshes as visuals."
-        message = "constraints: the robot's URDF has no solids to check"
+        keys = [k for k in ("collision", "sight", "floor", "obstacles") if getattr(limits, k) not in (None, False, ())]
+        hint = "Give its links boxes, cylinders, spheres or meshes as visuals, or leave these constraints out."
+        message = f"constraints: the robot's URDF has no solids to check {' and '.join(keys)} with"
         problems.append(document.problem(message, "constraints", hint=hint))
     if limits.sight is not None and limits.sight.incidence_max is not None:
         used = spec.markers if limits.sight.markers is None else limits.sight.markers

@@ -199,10 +199,13 @@ def _many(readings: Readings, keep: Indices, found: Outliers) -> Finding:
     rows = keep[found.gross]
     block = common_block(readings, keep, found.gross)
     where = f": {block}" if block else ", in no series, marker or stretch alone"
-    words = (
-        f"{len(rows)} of {len(keep)} readings ({100 * found.share:.0f} %) do not fit{where}. That is no handful of "
-        "slips: a setting, a frame or the model is wrong"
+    one = len(set(readings.pose[i] for i in map(int, rows))) == 1
+    why = (
+        "All are of one pose: look for a slip in its rows"
+        if one
+        else "That is no handful of slips: a setting, a frame or the model is wrong"
     )
+    words = f"{len(rows)} of {len(keep)} readings ({100 * found.share:.0f} %) do not fit{where}. {why}"
     return finding("block", readings, rows, words, mask=False)
 
 

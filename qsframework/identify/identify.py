@@ -42,7 +42,17 @@ from qsframework.information import what_would_help
 from qsframework.information.identifiable import in_order
 from qsframework.information.selection import NotEstimated, at_found_markers, held_of, identifiable_names, kinds_of
 from qsframework.plugin import Array, Geometry
-from qsframework.screening import SHARE, Finding, Mistake, adopted, find_mistakes, find_outliers, told_outliers
+from qsframework.screening import (
+    SHARE,
+    Finding,
+    Mistake,
+    adopted,
+    doubled,
+    find_mistakes,
+    find_outliers,
+    masked,
+    told_outliers,
+)
 from qsframework.work.threads import on_one_thread
 
 _ENOUGH = 30
@@ -84,6 +94,8 @@ def identify(
         NotConverged: with its reason.
     """
     experiment = experiment if fit is None else experiment.with_(fit=tuple(fit))
+    twice = () if options.keep_all else tuple(doubled(readings))
+    readings = masked(readings, [one.mask for one in twice])
     model, rows = experiment.model(), make_rows(readings)
     names = in_order(model, experiment.fit_names())
     _check_names(options, names)
@@ -106,6 +118,7 @@ def identify(
     nominal, error, largest = _held_out(found)
     if _misses(found, nominal, error):
         found = replace(found, notes=(*_in_the_table(experiment, readings), *found.notes))
+    said = (*masked_words(readings, twice), *said)
     return replace(found, gross=said, held_out_nominal=nominal, held_out_error=error, held_out_largest=largest)
 
 
@@ -152,14 +165,18 @@ def _gross(
 
 def masked_words(readings: Readings, found: Sequence[Finding | Mistake]) -> tuple[Masked, ...]:
     """Rows that are masked as a fit of the others keeps them: `replace(fit, cleaned=...)`."""
-    of_line = dict(zip(readings.line.tolist(), readings.kind.tolist(), strict=True))
-
-    def kind(one: Finding | Mistake) -> str:
-        masked: list[str] = [] if one.mask is None else readings.kind[one.mask].tolist()
-        masked = masked or [of_line[r] for r in one.rows]
-        return "positions" if "position" in masked else f"{masked[0]}s"
-
-    return tuple(Masked(one.name, tuple(sorted(one.rows)), one.words, kind(one)) for one in found)
+    names = [source.name for source in readings.sources]
+    out: list[Masked] = []
+    for one in found:
+        own = np.isin(readings.line, one.rows) & ((readings.file == names.index(one.file)) if one.file else True)
+        own = own if one.mask is None or not one.mask.any() else one.mask
+        for file in np.unique(readings.file[own]).tolist():
+            here = own & (readings.file == file)
+            kinds = readings.kind[here].tolist()
+            what = "positions" if "position" in kinds else f"{kinds[0]}s"
+            rows = tuple(sorted({int(line) for line in readings.line[here]}))
+            out.append(Masked(one.name, rows, one.words, what, file))
+    return tuple(out)
 
 
 def _check_names(options: FitOptions, names: Sequence[str]) -> None:

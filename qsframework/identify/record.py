@@ -48,12 +48,21 @@ SIGNIFICANT = 1e-3
 
 @dataclass(frozen=True)
 class Masked(FileRecord):
-    """Rows of a file that were masked, and why; `readings` is "displacements", "positions" or "gauges"."""
+    """Rows of a file that were masked, and why.
+
+    readings: "displacements", "positions" or "gauges"; file: number of their file among those of the account
+    """
 
     kind: str
     rows: tuple[int, ...]
     words: str
     readings: str
+    file: int = 0
+
+    @property
+    def unused(self) -> bool:
+        """Whether the fit itself did not use them."""
+        return self.kind in ("gross", "doubled_rows")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -151,8 +160,8 @@ class FitRecord(FileRecord):
 
     @property
     def masked(self) -> tuple[int, ...]:
-        """Rows that the fit itself found to be gross and did not use."""
-        return tuple(sorted({row for one in self.gross if one.kind == "gross" for row in one.rows}))
+        """Rows that the fit itself found to be gross, or to stand twice, and did not use."""
+        return tuple(sorted({row for one in self.gross if one.unused for row in one.rows}))
 
     @property
     def masked_rows(self) -> tuple[int, ...]:

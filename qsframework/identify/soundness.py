@@ -191,8 +191,8 @@ def _as_used(fit: FitRecord, readings: Readings) -> Readings:
     """Without the rows that the fit masked."""
     wrong = np.zeros(len(readings), dtype=bool)
     plural = np.array([f"{kind}s" for kind in readings.kind.tolist()])
-    for one in (*(fit.cleaned or ()), *(one for one in fit.gross if one.kind == "gross")):
-        wrong |= np.isin(readings.line, one.rows) & (plural == one.readings)
+    for one in (*(fit.cleaned or ()), *(one for one in fit.gross if one.unused)):
+        wrong |= np.isin(readings.line, one.rows) & (plural == one.readings) & (readings.file == one.file)
     return readings.masked(wrong)
 
 

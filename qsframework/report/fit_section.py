@@ -104,11 +104,11 @@ def masked_blocks(fit: Fit) -> tuple[Block, ...]:
     if fit.cleaned:
         caption = "These rows were masked before the fit and are not used. Look at each: it stays in the file."
         blocks.append(ReportTable(header, tuple(_masked(m) for m in fit.cleaned), caption))
-    gross = [m for m in fit.gross if m.kind == "gross"]
+    gross = [m for m in fit.gross if m.unused]
     if gross:
-        caption = "Outliers under the fitted and under a richer model: masked by the fit itself. Look at each."
+        caption = "Rows that stand twice, and outliers under the fitted and a richer model: masked by the fit itself."
         blocks.append(ReportTable(header, tuple(_masked(m) for m in gross), caption))
-    blocks += [Text(m.words + ".") for m in fit.gross if m.kind != "gross"]
+    blocks += [Text(m.words + ".") for m in fit.gross if not m.unused]
     return tuple(blocks)
 
 

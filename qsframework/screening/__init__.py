@@ -1,6 +1,6 @@
 """What is wrong with a table of readings: mistakes, rows that cannot be right, gross errors."""
 
-from qsframework.hypotheses.catalogue.rows import LEVEL, Finding, masked
+from qsframework.hypotheses.catalogue.rows import LEVEL, Finding, doubled, masked
 from qsframework.hypotheses.outliers import SHARE, find_outliers, told_outliers
 from qsframework.screening.check import find_mistakes
 from qsframework.screening.mistake import SUSPECTED, Mistake, adopted
@@ -12,6 +12,7 @@ __all__ = [
     "Finding",
     "Mistake",
     "adopted",
+    "doubled",
     "find_mistakes",
     "find_outliers",
     "masked",

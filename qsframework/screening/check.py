@@ -17,7 +17,7 @@ from qsframework.errors import InputError, NotConverged, NotIdentifiable
 from qsframework.experiment import Experiment, Readings, make_rows
 from qsframework.hypotheses.catalogue.rigidity import marker_rigidity, tool_misfit
 from qsframework.hypotheses.catalogue.rounded import rounded_angles
-from qsframework.hypotheses.catalogue.rows import LEVEL, Finding, copies, finding, lines, masked, unread
+from qsframework.hypotheses.catalogue.rows import LEVEL, Finding, copies, doubled, finding, lines, masked, unread
 from qsframework.hypotheses.linearized import Linearized, at_solution, linearized
 from qsframework.hypotheses.outliers import find_outliers, told_outliers
 from qsframework.hypotheses.standing_out import stand_out
@@ -57,7 +57,7 @@ def find_mistakes(
         InputError: where the readings do not identify the parameters at all.
     """
     found: list[Mistake] = []
-    for one in [*unread(readings), *_rigid(experiment, readings, level)]:
+    for one in [*unread(readings), *doubled(readings), *_rigid(experiment, readings, level)]:
         if one.name != "tool":
             readings = one.applied(readings)
             found.append(_told(one, experiment, readings, True))

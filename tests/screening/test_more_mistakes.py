@@ -55,6 +55,22 @@ def slipped(experiment: Experiment, readings: Readings, first: int, by: int) -> 
 
 
 @pytest.mark.parametrize("kind", ["displacements", "positions"])
+def test_rows_that_stand_twice_count_once(folder: Path, tmp_path: Path, kind: str) -> None:
+    """A copy of the file changes nothing and is said by every verb."""
+    experiment, once = loaded(folder / kind)
+    (source,) = experiment.data
+    again = tmp_path / "again.csv"
+    again.write_text(source.read_text())
+    both = read_readings([source, again], experiment)
+    (found,) = adopted(find_mistakes(experiment, both))
+    assert (found.name, found.file, len(found.rows)) == ("doubled_rows", "again.csv", len(once))
+    fit, alone = identify(experiment, both), identify(experiment, once)
+    np.testing.assert_array_equal(fit.covariance, alone.covariance)
+    assert [one.file for one in fit.gross] == [1]
+    assert [c.name for c in diagnose(experiment, both, repeats=1).conventions] == ["doubled_rows"]
+
+
+@pytest.mark.parametrize("kind", ["displacements", "positions"])
 @pytest.mark.parametrize("by", [1, -1])
 def test_rows_slipped_by_one(folder: Path, kind: str, by: int) -> None:
     """Also where a pose has two states, which slip together."""

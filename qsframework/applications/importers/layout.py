@@ -110,6 +110,8 @@ def lay_out(sheet: Sheet, rows: Sequence[SheetRow], ignore: Sequence[str] = ()) 
 
     InputError where there is none, or where rows have another number of cells than its heading, or than the first.
     """
+    while rows and not any(rows[-1].cells):  # as a spreadsheet leaves them
+        rows = rows[:-1]
     if (folded := _one_point_a_row(sheet, rows)) is not None:
         return folded
     first = _first(rows)

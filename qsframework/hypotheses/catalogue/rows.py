@@ -9,7 +9,7 @@ import numpy as np
 
 from qsframework.estimation.projection import Flags
 from qsframework.experiment import Readings
-from qsframework.plugin import Indices
+from qsframework.plugin import Array, Indices
 
 LEVEL = 0.01
 """Of all tests together: clean readings give any false finding in at most so many cases."""
@@ -86,12 +86,40 @@ def unread(readings: Readings) -> list[Finding]:
     return found
 
 
+def doubled(readings: Readings) -> list[Finding]:
+    """Rows that stand twice: the same values of a marker at the same angles under the same load, to the last digit, in
+    a copy of the file, under another name or as a repeat. The first ones stay."""
+    coarse, firsts = _coarse(readings), dict[bytes, int]()
+    states = np.column_stack([readings.poses.q, readings.poses.wrench])[readings.plus]
+    own = [np.nan_to_num(readings.value), states, readings.marker, readings.kind == "position"]
+    keys: Array = np.asarray(np.round(np.column_stack(own), 12) + 0.0, dtype=np.float64)
+    twice: dict[tuple[int, int], list[tuple[int, int]]] = {}
+    for i in np.flatnonzero(readings.use & np.all(np.nan_to_num(readings.value) != 0.0, axis=1)).tolist():
+        first = firsts.setdefault(keys[i].tobytes(), i)
+        if first != i and not (coarse and readings.pose[i] == readings.pose[first]):
+            files = int(readings.file[first]), int(readings.file[i])
+            twice.setdefault(files, []).append((first, i))
+    found: list[Finding] = []
+    for pairs in twice.values():
+        first, again = (np.array(own, dtype=np.intp) for own in zip(*pairs, strict=True))
+        one = f"{lines(readings, again[:1])} is {lines(readings, first[:1])} to the last digit"
+        words = f"{one}: it stands twice" if len(pairs) == 1 else f"{len(pairs)} rows stand twice: {one}, and so on"
+        found.append(finding("doubled_rows", readings, again, words))
+    return found
+
+
+def _coarse(readings: Readings) -> bool:
+    """Whether values are written so coarsely that repeats may be equal by chance."""
+    values = np.nan_to_num(readings.value)
+    return bool(np.allclose(values / _COARSE, np.round(values / _COARSE), atol=1e-6))
+
+
 def copies(readings: Readings) -> list[Finding]:
     """Rows that are copies of others to the last digit, of which the first one stays."""
     values = np.nan_to_num(readings.value)
     whole = np.isfinite(readings.value).all(axis=1)
     seen: dict[object, int] = {}
-    coarse = bool(np.allclose(values / _COARSE, np.round(values / _COARSE), atol=1e-6))
+    coarse = _coarse(readings)
     same: dict[int, list[int]] = {}
     pose = readings.pose
     for i in np.flatnonzero(readings.use & whole & np.any(values, axis=1)).tolist():
