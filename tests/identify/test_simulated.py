@@ -10,7 +10,7 @@ import pytest
 
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Plan, make_plan, read_readings, simulate, write_readings
-from qsframework.identify import identify
+from qsframework.identify import identify, validate_halves
 from qsframework.information import predicted_sd
 from qsframework.plugin import Poses
 
@@ -101,3 +101,19 @@ def test_units_of_the_scale_do_not_matter(m900ib: Experiment, plan: Plan) -> Non
     again = identify(m900ib.with_(robot=other), simulation.readings, options=LINEAR)
     assert np.allclose(fit.x, again.x, rtol=1e-9)
     assert np.allclose(fit.covariance, again.covariance, rtol=1e-7)
+
+
+def test_halves_identify_what_the_whole_does(m900ib: Experiment) -> None:
+    """One pose in five is pulled sideways, so that a random half may tell nothing of joint 1: no error of the model."""
+    rng = np.random.default_rng(3)
+    controller = m900ib.robot.controller
+    pendant = rng.uniform(controller.lower, controller.upper, (12, 6)) * 0.8
+    wrench = np.tile(m900ib.loads[0].wrench, (12, 1))
+    wrench[[2, 7]] = m900ib.loads[1].wrench
+    sparse = make_plan(Poses(pendant, controller.to_joints(pendant), wrench), ["weight"] * 12)
+    readings = simulate(m900ib, sparse, truth="drawn", seed=1).readings
+    fit = identify(m900ib, readings)
+    assert "joint_compliance[joint_1]" in fit.names
+    halves = validate_halves(m900ib, readings, fit, 20)
+    assert halves.spread.max() < 3.0 * np.sqrt(3.0) * fit.sigma
+    assert halves.notes == ()
