@@ -19,7 +19,7 @@ markers:   # reflectors around the tool, flange frame
 noise: {{sigma_mm: 0.03}}   # one coordinate of one displacement
 loads:   # {why}
   - {{name: weight, fz_N: {weight:g}}}
-  - {{name: side_pull, fz_N: {less:g}, fy_N: {side:g}{along}}}   # a weight alone tells nothing of a vertical axis
+  - {{name: side_pull, fz_N: {less:g}, fy_N: {side:g}{along}}}   # a weight alone does not turn a vertical axis
 """
 
 

@@ -25,7 +25,7 @@ Line = tuple[bool | None, str, str]
 """Whether it is as it should be (None: not measured), its kind, and what was found."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Checked:
     """A file that could be read: what it is, and what its readings say of themselves."""
 
@@ -77,17 +77,25 @@ def _check(file: Path, data: tuple[Path, ...]) -> Checked:
     if named or str(file) in robot_names() or file.name == "robot.yaml" or file.is_dir():
         robot = load_robot(file)
         words = f"robot {robot.name}, {robot.facts.n} joints, {len(robot.parameters)} parameters"
-        return Checked(file, words, robot, lines=_of_robot(robot))
+        return Checked(file=file, words=words, robot=robot, lines=_of_robot(robot))
     experiment = load_experiment(file)
     words = f"experiment with {experiment.robot.name}, {len(experiment.markers)} markers"
     own = _of_robot(experiment.robot)
     sources = data or experiment.data
     if not sources:
-        return Checked(file, words, experiment.robot, experiment, lines=own)
+        return Checked(file=file, words=words, robot=experiment.robot, experiment=experiment, lines=own)
     readings = read_readings(sources, experiment, "positions")
     words += f", {len(readings)} readings at {len(set(readings.pose))} poses"
     lines = (*own, *_lines(experiment, readings))
-    return Checked(file, words, experiment.robot, experiment, sources, readings, lines)
+    return Checked(
+        file=file,
+        words=words,
+        robot=experiment.robot,
+        experiment=experiment,
+        data=sources,
+        readings=readings,
+        lines=lines,
+    )
 
 
 def _of_robot(robot: Robot) -> tuple[Line, ...]:

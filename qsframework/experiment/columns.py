@@ -20,7 +20,7 @@ from qsframework.files import read_text, write_text
 from qsframework.files.documents import DECIMAL
 from qsframework.plugin import Array, Indices
 
-LARGEST, MOST_LINES, MOST_COLUMNS = 100_000_000, 500_000, 1000
+LARGEST, MOST_LINES, MOST_COLUMNS = 50_000_000, 250_000, 1000
 """Bytes, lines and columns of a table."""
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1b\x1f\x7f-\x84\x86-\x9f]")
 """Characters that a terminal obeys instead of showing them."""
@@ -276,7 +276,8 @@ def _cells(path: Path, lines: list[tuple[int, str]], foreign: str | None = None)
             message = f"the columns are separated by {name}"
             allowed = "a comma between columns, a point in numbers"
             raise InputError(Problem(message, str(path), number, allowed=allowed, hint=foreign))
-    return [(number, cells) for number, cells in out if any(cell.strip() for cell in cells)]  # rows of a spreadsheet
+    last = max((k for k, (_, cells) in enumerate(out) if k and any(map(str.strip, cells))), default=len(out) - 1)
+    return [row for k, row in enumerate(out) if k <= last or len(row[1]) > len(header)]  # as a spreadsheet ends them
 
 
 def _check_robot(path: Path, lines: list[tuple[int, str]], robot: str) -> None:

@@ -151,7 +151,8 @@ def _best(standing: Standing, group: Group) -> Mend | None:
     if copies is not None and before > standing.usual(count):
         return Mend(edits=(copies,), gain=before, tried=len(standing.visits))
     after = _in_parts(standing, edits)
-    score = after + _FREE * np.array([e.free for e in edits])
+    score = after + np.array([_FREE * e.free + 2.0 * e.shrunk(readings) for e in edits])
+    score[after > standing.usual(count)] = np.inf
     order = np.argsort(score)
     best, left = edits[int(order[0])], float(after[order[0]])
     gain = before - left

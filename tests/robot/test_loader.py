@@ -101,7 +101,7 @@ YAML = {
     "loop of crossed axes": (
         "joints: all}",
         "joints: all}\n  - {effect: parallelogram, driver: elbow, driven: shoulder, lever_m: 1}",
-        "parallel axes",
+        "comes before it in the arm",
     ),
     "effects a mapping": ("  - {effect: joint_compliance, joints: all}", "  joint_compliance: all", "effects"),
     "tolerance": ("title:", "limits_tolerance_deg: 20\ntitle:", "limits_tolerance"),

@@ -150,6 +150,6 @@ def test_repeated_rows_weigh_as_one_of_smaller_noise() -> None:
     """Each row given four times: the same values, half the sds."""
     data = readings(campaign(), seed=9)
     once = identify(campaign(), data)
-    found = identify(campaign(), joined([data] * 4))
+    found = identify(campaign(), joined([data] * 4), options=FitOptions(keep_all=True))
     assert [e.value for e in found.estimates] == pytest.approx([e.value for e in once.estimates], rel=1e-9)
     assert [e.sd for e in found.estimates] == pytest.approx([e.sd / 2 for e in once.estimates], rel=1e-9)

@@ -26,7 +26,7 @@ MORE = {
     "diagnose new": tuple(f"new/{n}" for n in ("experiment.yaml", *(f"robot/{r}" for r in ROBOT), "robot/small.urdf")),
     "protocol r.csv": ("r.csv", "r_floor.csv"),
     "day day": ("day/day.jsonl", "day/readings.csv"),
-    "new arm": tuple(f"arm/{n}" for n in ("README.md", "arm.urdf", *ROBOT)),
+    "new arm": tuple(f"arm/{n}" for n in ("README.md", "arm.urdf", "experiment.yaml", *ROBOT)),
     "demo demo": tuple(f"demo/{n}" for n in ("report.html", "fit.json", *DESIGNED, *MEASURED)),
 }
 """Files that a command writes for an output that its line names, where they are not that one."""

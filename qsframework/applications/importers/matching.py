@@ -333,7 +333,9 @@ def check_twice(points: Sequence[TrackerPoint]) -> None:
         size = f"{apart * 1e3:.3g} mm apart" if point.listing.unit else f"{apart:.4g} apart"
         where = "" if other.listing is point.listing else f"{other.listing.sheet.where}, "
         message = f"two points for one marker: {label(point.slot)} stands in {where}line {other.line} too, {size}"
-        hint = f"Delete or ignore one, or end the name of the second reading with r{point.slot.repeat + 1}."
+        again = "" if point.slot.loaded else f"c{point.slot.cycle + 1} where the load was taken off again, or with "
+        another = f"r{point.slot.repeat + 1} where the pose was visited again"
+        hint = f"End the name of the second reading with {again}{another}; or delete or ignore one."
         problems.append(point.problem(message, found=repr(point.name), hint=hint))
     refuse(problems)
 

@@ -78,6 +78,14 @@ class Edit:
     other: str = ""
     touched: Indices | None = None
 
+    def shrunk(self, readings: Readings) -> float:
+        """Log of how much smaller it makes what was read, and the noise in it."""
+        if self.kind != "value" or self.slip not in (DECIMAL, UNIT):
+            return 0.0
+        before = readings.value[self.rows]
+        changed = np.isfinite(before) & (before != self.value)
+        return -float(np.log(np.abs(self.value[changed] / before[changed])).sum())
+
     def apply(self, experiment: Experiment, readings: Readings) -> Readings:
         """The readings with it, where it changes cells alone."""
         poses = readings.poses
