@@ -552,7 +552,7 @@ def outcome(kind: Kind, page: Page, size: float, called: Sequence[Mistake], read
         for file, line, name in zip(files, readings.line, readings.pose, strict=True)
     }
     for c in called:
-        right = bool({name.partition("[")[0] for name in c.kinds} & set(kind.names))
+        right = bool({name.partition("[")[0] for name in c.kinds or (c.name,)} & set(kind.names))
         if page.poses and c.rows:
             right &= {pose[c.file, r] for r in c.rows} <= page.poses
         if not right:
