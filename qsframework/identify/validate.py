@@ -161,7 +161,7 @@ def validate_halves(
     every: list[tuple[ReadingRows, Array]] = []
     lacking: set[str] = set()
     for _ in range(halves):
-        own, train = _half(experiment, readings, fit, rng, 1 if lacking else _DRAWN)
+        own, train = _half(experiment, rows, fit, rng, 1 if lacking else _DRAWN)
         lacking |= set(fit.names) - set(own.names)
         predicted, measured = own.predict(readings.masked(train))
         test = ~train[rows.keep]
@@ -176,20 +176,21 @@ def validate_halves(
 
 
 def _half(
-    experiment: Experiment, readings: Readings, fit: FitRecord, rng: np.random.Generator, tries: int
+    experiment: Experiment, rows: ReadingRows, fit: FitRecord, rng: np.random.Generator, tries: int
 ) -> tuple[Fit, Flags]:
     """A fit to half of the poses that identifies what the stored one does, or the last drawn, and its rows (R,)."""
-    rows = make_rows(readings)
-    poses, use = np.unique(rows.pose), np.zeros(len(readings), dtype=bool)
+    poses, use = np.unique(rows.pose), np.zeros(len(rows.readings), dtype=bool)
     use[rows.keep[np.isin(rows.pose, rng.permutation(poses)[: len(poses) // 2])]] = True
     try:
-        own = identify(experiment, readings.masked(~use), fit.model_names(experiment), FitOptions(linear=fit.linear))
+        own = identify(
+            experiment, rows.readings.masked(~use), fit.model_names(experiment), FitOptions(linear=fit.linear)
+        )
     except (NotIdentifiable, NotConverged) as error:
         if tries == 1:
             raise type(error)(f"a random half cannot be fitted: {error}") from error
-        return _half(experiment, readings, fit, rng, tries - 1)
+        return _half(experiment, rows, fit, rng, tries - 1)
     whole = tries == 1 or set(fit.names) <= set(own.names)
-    return (own, use) if whole else _half(experiment, readings, fit, rng, tries - 1)
+    return (own, use) if whole else _half(experiment, rows, fit, rng, tries - 1)
 
 
 def _nominal(experiment: Experiment, rows: ReadingRows, fit: FitRecord) -> Array:

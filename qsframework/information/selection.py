@@ -20,7 +20,7 @@ _LOOSE, _BROAD = 5.0, 20.0
 def identifiable_names(
     seen: ObservationModel, options: FitOptions = PLAIN, *, weakly: bool = False
 ) -> tuple[list[str], tuple[NotEstimated, ...], float]:
-    """The names that the readings, with the priors, can tell; what is left aside; the nominal arm's error in sds.
+    """The names that the readings, with the priors, can tell; what is not estimated; the nominal arm's error in sds.
 
     weakly: also what they tell to no use, but might be seen to be wrong by
     """
