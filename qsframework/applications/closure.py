@@ -17,6 +17,8 @@ from qsframework.errors import refuse
 from qsframework.estimation.tails import chi2_sf
 from qsframework.experiment import Experiment, Readings, differences
 from qsframework.experiment.columns import XYZ, Column, read_table
+from qsframework.experiment.differences import has_pairs
+from qsframework.experiment.readings_file import suggested
 from qsframework.plugin import Array
 
 LEVEL = 1e-3
@@ -38,13 +40,18 @@ class ClosureCheck:
 
 
 def check_states(experiment: Experiment, states: Readings) -> tuple[ClosureCheck, ...]:
-    """All checks of a file of states with loads; one with no loaded state has nothing to check.
+    """All checks of a file of states with loads; one with no loaded state has nothing to check, nor have positions none
+    of which was read without its load too.
 
-    InputError where a loaded row has no unloaded one, or was read in another drive state than it.
+    InputError where states are read as differences and a loaded row has no unloaded one, or was read in another drive
+    state than it.
     """
     if not np.any(states.use & states.is_position & states.states.loaded[states.plus]):
         return ()
-    differences(states, experiment)
+    if (experiment.states or suggested(experiment, states)) == "differences":
+        differences(states, experiment)
+    elif not has_pairs(states):
+        return ()
     table = _Positions(experiment, states)
     floor = None if states.source is None else states.source.with_name(f"{states.source.stem}_floor.csv")
     found = [_repeatability(table), _closure(table), *_hysteresis(table), _linearity(table), _drives(states)]

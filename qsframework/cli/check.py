@@ -10,6 +10,7 @@ from pathlib import Path
 from qsframework.cli.commands import distinct_outputs, write_json
 from qsframework.cli.kinds import kind
 from qsframework.cli.printing import print_folded
+from qsframework.cli.progress import steps
 from qsframework.errors import InputError, Problem, all_of
 from qsframework.experiment import (
     Experiment,
@@ -61,7 +62,13 @@ def check_files(files: Sequence[Path], json: Path | None, report: Path | None = 
     data = tuple(file for file in files if by_kind[file] == "readings")
     if data and list(by_kind.values()).count("experiment") != 1:
         raise InputError(Problem("readings are checked with one experiment", hint="qsf check EXPERIMENT READINGS..."))
-    checked = all_of(partial(_check, file, data) for file in files if file not in data)
+    with steps("check", *map(str, files)) as begins:
+
+        def one(file: Path) -> Checked:
+            begins(str(file))
+            return _check(file, data)
+
+        checked = all_of(partial(one, file) for file in files if file not in data)
     for one in checked:
         print_folded(f"{one.file}: {one.said()}")
     if len(checked) == 1 and checked[0].experiment is not None:

@@ -32,8 +32,7 @@ class Sensed:
     @cached_property
     def by_position(self) -> Array:
         """To a shift of the marker, (N, K, 3, 3)."""
-        start = np.broadcast_to(np.eye(3), (*self.passed[0][1].position.shape, 3))
-        return _through(self._terms, start)
+        return self._after[0]
 
     @cached_property
     def by_rotation(self) -> Array:
@@ -48,7 +47,15 @@ class Sensed:
     @cached_property
     def by_parameters(self) -> tuple[Array, ...]:
         """For each sensor (N, K, 3, p), already passed through the later sensors."""
-        return tuple(_through(self._terms[i + 1 :], term.dx) for i, term in enumerate(self._terms))
+        return tuple(after @ term.dx for after, term in zip(self._after[1:], self._terms, strict=True))
+
+    @cached_property
+    def _after(self) -> tuple[Array, ...]:
+        """How the reading reacts (N, K, 3, 3) to a shift before each sensor, and after the last."""
+        out = [np.broadcast_to(np.eye(3), (*self.passed[0][1].position.shape, 3))]
+        for term in reversed(self._terms):
+            out.append(out[-1] @ term.d_position)
+        return tuple(reversed(out))
 
     def turn_rate(self, rate: Array, carried: Array | None) -> Array:
         """Small rotation (N, K, 3) of the links, turned by exp(turned), when `turned` changes by `rate` and the
@@ -100,9 +107,3 @@ def said(sensors: Sequence[tuple[Sensor, Array]], state: State, names: Sequence[
     for sensor, x in sensors:
         position = laws.seen(sensor, Reading(position, rotation, tuple(names)), x, state.motion.context)
     return position
-
-
-def _through(later: Sequence[SensorTerm], dx: Array) -> Array:
-    for term in later:
-        dx = term.d_position @ dx
-    return dx

@@ -67,6 +67,10 @@ class Independent:
     def weights(self) -> Array:
         return 1.0 / self.sigma**2
 
+    def squares(self, at: Indices, values: Array) -> Array:
+        """|L^-1 v|^2 (n,) of vectors v (m,) that are `values` (n, s) at places `at` (n, s), each once, else zero."""
+        return np.square(values / self.sigma[at]).sum(axis=1)
+
 
 @dataclass(frozen=True, eq=False)
 class Scaled:
@@ -127,6 +131,20 @@ class Blocks:
             out[rows] = np.square(inverse).sum(axis=1)
         return out
 
+    def squares(self, at: Indices, values: Array) -> Array:
+        """|L^-1 v|^2 (n,) of vectors v (m,) that are `values` (n, s) at places `at` (n, s), each once, else zero."""
+        out = np.zeros(len(at))
+        for rows, inverse in self.parts:
+            place = np.full(sum(own.size for own, _ in self.parts), -1, dtype=np.intp)
+            place[rows] = np.arange(rows.size).reshape(rows.shape)
+            vector, column = np.nonzero(place[at] >= 0)
+            block, inside = np.divmod(place[at[vector, column]], rows.shape[1])
+            pairs, which = np.unique(np.stack([vector, block]), axis=1, return_inverse=True)
+            own = np.zeros((pairs.shape[1], rows.shape[1], 1))
+            own[which.ravel(), inside, 0] = values[vector, column]
+            out += np.bincount(pairs[0], np.square(inverse[pairs[1]] @ own).sum(axis=(1, 2)), len(at))
+        return out
+
     def _each(self, values: Array, change: Callable[[Array, Array], Array]) -> Array:
         out = np.empty(values.shape)
         for rows, inverse in self.parts:
@@ -139,7 +157,7 @@ class Blocks:
         return self.logarithm
 
 
-def grouped(sigma: Array, groups: Sequence[Group]) -> Noise:
+def grouped(sigma: Array, groups: Sequence[Group]) -> Independent | Blocks:
     """Readings with errors of their own, sd sigma (m,), and errors that groups of them share.
 
     Cov_ij = [i = j] sigma_i^2 + the sum over groups of sd_i sd_j where i and j have one label.

@@ -19,7 +19,7 @@ from qsframework.elastostatics import Model, range_notes
 from qsframework.elastostatics.so3 import cross_matrix, left_jacobian
 from qsframework.errors import InputError
 from qsframework.estimation import Noise, Observations, grouped
-from qsframework.estimation.noise import Group, connected
+from qsframework.estimation.noise import Blocks, Group, Independent, connected
 from qsframework.experiment.frames import Frame, check_spread, motion_count, procrustes, spans
 from qsframework.experiment.readings import Readings
 from qsframework.experiment.setup import Experiment
@@ -125,7 +125,7 @@ class ReadingRows:
         return np.where(own[self.row] < 0, -1, 3 * own[self.row] + self.at % 3)
 
     @cached_property
-    def noise(self) -> Noise:
+    def noise(self) -> Independent | Blocks:
         """Covariance of the m coordinates, up to a factor where the noise is estimated."""
         own, groups = self.own_noise
         return grouped(own, [*groups, (self.label, np.full(len(own), self.shared))])

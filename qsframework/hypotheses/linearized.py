@@ -12,6 +12,7 @@ from qsframework.elastostatics import Model
 from qsframework.errors import NotIdentifiable
 from qsframework.estimation import LinearFit, Noise, left, orthonormal, rank_test, rms, scales
 from qsframework.estimation.linear_fit import Agreed, Beyond, Whitened, without_outliers
+from qsframework.estimation.noise import Blocks, Independent
 from qsframework.estimation.projection import Flags, least_squares
 from qsframework.experiment import Experiment, Frame, ObservationModel, Readings, observation_model
 from qsframework.experiment.frames import motion_count
@@ -53,7 +54,7 @@ class Linearized:
     rows: ReadingRows
     slopes: Array
     errors: Array
-    noise: Noise
+    noise: Independent | Blocks
     stated: bool
 
     @property

@@ -15,9 +15,11 @@ from qsframework.errors import InputError, QsfError
 from qsframework.estimation import LinearFit
 from qsframework.estimation.linear_fit import Agreed
 from qsframework.estimation.projection import Flags, least_squares
-from qsframework.experiment import Experiment, ObservationModel, Readings, observation_model
+from qsframework.experiment import Experiment, ObservationModel, ReadingRows, Readings, observation_model
+from qsframework.experiment.observations import make_rows
 from qsframework.hypotheses.catalogue.rows import Finding, finding, lines
 from qsframework.hypotheses.linearized import agreed
+from qsframework.hypotheses.visits import visits_of
 from qsframework.plugin import Array, Effect, Indices
 from qsframework.plugin.build import build_effects
 from qsframework.plugin.registry import with_role
@@ -40,6 +42,8 @@ _SEVERAL = 5
 _FLOOR = 1e-3
 _EVIDENCE = 10.0
 """Log of how much likelier errors of the angles must be than errors in all directions."""
+_PART = 5_000
+"""Rows of a long table that are judged together."""
 _BLOCK = 0.6
 """Share of the rows of a series, marker or stretch that are gross, from which they are told as one block."""
 
@@ -61,13 +65,35 @@ class Outliers:
 
 
 def find_outliers(experiment: Experiment, readings: Readings, names: Sequence[str] | None = None) -> Outliers | None:
-    """Rows in use that are gross, from linear fits about the nominal arm; None where no fit can be made."""
+    """Rows in use that are gross, from linear fits about the nominal arm; None where no fit can be made.
+
+    Long tables are judged in parts, each of every so many-th visit: a richer model is known well enough from either.
+    """
     experiment = experiment if names is None else experiment.with_(fit=tuple(names))
     try:
-        wide = widened(experiment, readings)
-        agreed = _agreed(wide)
+        rows = make_rows(readings)
+        parts = _parts(rows)
+        found = [_in_part(experiment, readings.of_rows(part)) for part in parts]
     except (QsfError, np.linalg.LinAlgError):
         return None
+    order = np.argsort(np.concatenate(parts))
+    gross, missed, size = (
+        np.concatenate([getattr(f, name) for f in found])[order] for name in ("gross", "missed", "size")
+    )
+    angles = [f.angles for f in found if f.angles is not None]
+    return Outliers(gross, missed, size, float(np.median(angles)) if 2 * len(angles) > len(found) else None)
+
+
+def _parts(rows: ReadingRows) -> list[Indices]:
+    """Places of rows in the readings, in parts of about `_PART` rows of whole visits."""
+    count = -(-len(rows.keep) // _PART)
+    visit = visits_of(rows).of % count
+    return [rows.keep[visit == k] for k in range(count)]
+
+
+def _in_part(experiment: Experiment, readings: Readings) -> Outliers:
+    wide = widened(experiment, readings)
+    agreed = _agreed(wide)
     size = _in_sds(wide, agreed.misfit, agreed.wrong)
     gross = size > GROSS
     fitted = set(experiment.fit_names())

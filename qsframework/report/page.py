@@ -11,6 +11,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from qsframework.report.blocks import Block, Figure, Lines, ReportTable, SceneView, Section, Text, Verdict
 from qsframework.report.numbers import figure_table
 from qsframework.report.printed import write_page
@@ -21,6 +23,8 @@ if TYPE_CHECKING:
 __all__ = ["Block", "Figure", "Lines", "ReportTable", "SceneView", "Section", "Text", "Verdict", "write_report"]
 _WORDS = 18
 """A column with a longer cell than this holds words, which are set from the left."""
+_POINTS, _ROWS = 4_000, 2_000
+"""Points of a series, and rows of a table, beyond which a page of all would be too large to open."""
 _POWER = re.compile(r"\d(?:\.\d+)?e-\d+")
 
 
@@ -86,8 +90,31 @@ def _block(block: Block, name: str) -> dict[str, Any]:
         inside = {"kind": "view", "page": _packed(block.page), "poses": block.poses, "wide": False}
     else:
         numbers = figure_table(block.figure) if block.table is None else block.table
-        inside = {"kind": "figure", "name": name, "wide": block.wide, **_drawn(block.figure)}
+        figure, note = _thinned(block.figure)
+        inside = {"kind": "figure", "name": name, "wide": block.wide, **_drawn(figure)}
+        return {**inside, "rows": len(numbers.rows), "caption": block.caption + note, "table": _table(numbers)}
     return {**inside, "rows": len(numbers.rows), "caption": block.caption, "table": _table(numbers)}
+
+
+def _thinned(figure: Plot) -> tuple[Plot, str]:
+    """A figure whose long series are drawn by the highest and the lowest point of each stretch, and a note on it."""
+    long = [k for k, t in enumerate(figure.data) if t.type == "scatter" and len(t.y) > _POINTS]
+    if not long:
+        return figure, ""
+    out = type(figure)(figure)
+    for trace in (out.data[k] for k in long):
+        count = len(trace.y)
+        height = trace.y if isinstance(trace.marker.color, str | None) else trace.marker.color
+        known = np.nan_to_num(np.asarray(height, dtype=np.float64))
+        stretches = np.array_split(np.arange(count), _POINTS // 2)
+        kept = np.unique([s[end(known[s])] for s in stretches for end in (np.argmin, np.argmax)])
+        for place, names in ((trace, ("x", "y", "text", "customdata")), (trace.marker, ("size", "color"))):
+            for name in names:
+                values = getattr(place, name)
+                if values is not None and not isinstance(values, str | float | int) and len(values) == count:
+                    setattr(place, name, np.asarray(values)[kept])
+    most = max(len(figure.data[k].y) for k in long)
+    return out, f" Of {most} points the highest and lowest of each stretch are drawn, {_POINTS} at most."
 
 
 def _drawn(figure: Plot) -> dict[str, str]:
@@ -107,7 +134,10 @@ def _packed(page: str) -> str:
 
 def _table(table: ReportTable) -> dict[str, Any]:
     """A table, which of its columns hold words, and which holds names of poses."""
-    words = [any(len(row[i]) > _WORDS for row in table.rows) for i in range(len(table.header))]
+    rows, caption = table.rows[:_ROWS], table.caption
+    if len(table.rows) > _ROWS:
+        caption = f"The first {_ROWS} of {len(table.rows)} rows. {caption}".strip()
+    words = [any(len(row[i]) > _WORDS for row in rows) for i in range(len(table.header))]
     pose = table.header.index("pose") if "pose" in table.header else None
-    drawn = {"header": table.header, "rows": table.rows, "caption": table.caption, "words": words, "pose": pose}
+    drawn = {"header": table.header, "rows": rows, "caption": caption, "words": words, "pose": pose}
     return {**drawn, "folded": table.folded}

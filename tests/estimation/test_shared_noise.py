@@ -53,6 +53,18 @@ def test_all_that_a_noise_does_is_of_one_covariance() -> None:
     assert dense(Scaled(shared, 2.5, m), m) == pytest.approx(6.25 * dense(shared, m), rel=1e-12)
 
 
+def test_squares_of_a_few_places_are_those_of_the_whole_vector() -> None:
+    rng = np.random.default_rng(2)
+    m, n = 40, 12
+    sigma = rng.uniform(0.5, 2.0, m)
+    chains = [(rng.integers(-1, 8, m), rng.uniform(0.1, 1.0, m)), (rng.integers(-1, 15, m), rng.uniform(0.1, 1.0, m))]
+    at, values = np.stack([rng.choice(m, 7, replace=False) for _ in range(n)]), rng.normal(size=(n, 7))
+    whole = np.zeros((m, n))
+    whole[at.T, np.arange(n)] = values.T
+    for noise in (Independent(sigma), grouped(sigma, chains[:1]), grouped(sigma, chains)):
+        assert noise.squares(at, values) == pytest.approx(np.square(noise.whiten(whole)).sum(axis=0), rel=1e-12)
+
+
 @pytest.mark.parametrize("sigma", [[0.1, 0.0], [0.1, np.nan], [0.1, -1.0]])
 def test_shared_errors_need_a_noise_of_their_own(sigma: list[float]) -> None:
     with pytest.raises(InputError, match="the noise of every reading must be a positive number"):

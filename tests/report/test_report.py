@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import json
 import re
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
 from headless import SMALL, browser, console, open_page, unpacked
 
 from qsframework.cli.demo import WRITTEN, run_demo
 from qsframework.experiment import Experiment, make_plan
 from qsframework.plugin import Poses
-from qsframework.report import ReportTable, SceneView, Section, Text, write_report
+from qsframework.report import Figure, ReportTable, SceneView, Section, Text, write_report
+from qsframework.report.plots import blank
 from qsframework.viz import Scene, show_scene
 
 EVIL = "<script>alert(1)</script>"
@@ -92,6 +95,27 @@ def test_text_is_escaped(tmp_path: Path) -> None:
     )
     page = parse(write_report(tmp_path / "r.html", EVIL, [section]))
     assert page.tags.count("script") == 1  # the report's own
+
+
+def test_a_long_campaign_makes_a_page_that_opens(tmp_path: Path) -> None:
+    """Of a long series the highest and lowest points are drawn, of a long table the first rows; both say so, and the
+    figure that was given stays whole."""
+    count = 50_000
+    heights = np.sin(np.arange(count) / 500.0)
+    heights[31_234], heights[777] = 9.0, -9.0
+    plot = blank("long", "row", "mm")
+    plot.add_scatter(x=np.arange(count), y=heights, customdata=[f"p{i}" for i in range(count)], mode="markers")
+    table = ReportTable(("row",), tuple((str(i),) for i in range(count)))
+    page = write_report(tmp_path / "r.html", "t", [Section("s", (Figure(plot, "Look.", table), table))]).read_text()
+    drawn = json.loads(
+        re.findall(r'<script type="application/json" id="figure-0-0-data">(.*?)</script>', page, re.S)[0]
+    )
+    names = drawn["data"][0]["customdata"]
+    assert {"p31234", "p777"} < set(names)
+    assert len(names) <= 4000
+    assert "Of 50000 points the highest and lowest of each stretch are drawn" in page
+    assert page.count("The first 2000 of 50000 rows.") == 2
+    assert len(plot.data[0].y) == count
 
 
 def test_scene_titles_and_labels_are_escaped() -> None:

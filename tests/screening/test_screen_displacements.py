@@ -13,6 +13,7 @@ from qsframework.experiment import Experiment, Plan, Readings, make_plan, simula
 from qsframework.hypotheses.catalogue.exchanged_markers import exchanged_markers
 from qsframework.hypotheses.catalogue.late_angles import late_angles
 from qsframework.hypotheses.linearized import linearized
+from qsframework.hypotheses.outliers import find_outliers
 from qsframework.identify import identify
 from qsframework.plugin import Poses, build_effects
 from qsframework.screening import Mistake
@@ -69,6 +70,19 @@ def test_a_zero_and_a_copied_row(m900ib: Experiment, plan: Plan, stated: bool) -
     assert found[0].rows == (readings.line[7],)
     assert found[1].rows == (readings.line[20],)
     assert f"row {readings.line[12]}" in found[1].words
+
+
+def test_a_long_table_is_judged_in_parts(m900ib: Experiment, plan: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Parts of whole visits, every row judged once; what is gross in one is gross among all."""
+    readings = spoilt(clean(m900ib, plan), [5, 30], np.array([[0.0, 2e-3, 0.0], [2e-3, 0.0, 0.0]]))
+    whole = find_outliers(m900ib, readings)
+    monkeypatch.setattr("qsframework.hypotheses.outliers._PART", 22)
+    parts = find_outliers(m900ib, readings)
+    assert whole is not None
+    assert parts is not None
+    assert np.flatnonzero(parts.gross).tolist() == np.flatnonzero(whole.gross).tolist() == [5, 30]
+    assert parts.size.shape == whole.size.shape
+    assert not np.array_equal(parts.size, whole.size)
 
 
 @NOISE
@@ -158,8 +172,8 @@ def test_of_a_long_file_the_worst_rows_are_exchanged(
     some = slice(None) if everywhere else slice(3, 4)
     swapped = linearized(m900ib, copied(given, [*first[some], *third[some]], [*third[some], *first[some]]))
     every = exchanged_markers(swapped, 0.01)
-    monkeypatch.setattr("qsframework.hypotheses.catalogue.exchanged_markers._WORK", 0)
-    monkeypatch.setattr("qsframework.hypotheses.catalogue.exchanged_markers._FEWEST", 20)
+    monkeypatch.setattr("qsframework.hypotheses.catalogue.exchanged_markers._MOST", 20)
+    monkeypatch.setattr("qsframework.hypotheses.catalogue.exchanged_markers._NUMBERS", 200)
     found = exchanged_markers(swapped, 0.01)
     assert every is not None
     assert found is not None

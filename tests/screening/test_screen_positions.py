@@ -11,7 +11,7 @@ import pytest
 from qsframework.cli.check import check_files
 from qsframework.cli.identify import FitFiles, run_identify
 from qsframework.elastostatics.so3 import exponential
-from qsframework.errors import NotIdentifiable
+from qsframework.errors import InputError, NotIdentifiable
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Frame, Readings, load_experiment, read_readings, write_readings
 from qsframework.hypotheses.catalogue.rigidity import first_shape, judged, tools
@@ -243,6 +243,22 @@ def test_qsf_check_says_it(arm: Experiment, tmp_path: Path, capsys: pytest.Captu
     write_readings(tmp_path / "s.csv", clean(arm), arm)
     check_files([tmp_path / "experiment.yaml"], None)
     assert "swapped" not in capsys.readouterr().out
+
+
+def test_loaded_positions_alone_are_positions(
+    arm: Experiment, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """No loaded row has an unloaded one: a fit reads positions, and so does the check; read as differences, each lacks
+    its partner."""
+    states = clean(arm)
+    write_readings(tmp_path / "s.csv", states.masked(~states.states.loaded[states.plus]), arm)
+    text = Path(str(arm.path)).read_text() + "data: s.csv\n"
+    (tmp_path / "experiment.yaml").write_text(text)
+    check_files([tmp_path / "experiment.yaml"], None)
+    assert ", ok" in capsys.readouterr().out
+    (tmp_path / "experiment.yaml").write_text(text + "states: differences\n")
+    with pytest.raises(InputError, match="no unloaded one to be measured against"):
+        check_files([tmp_path / "experiment.yaml"], None)
 
 
 def test_no_fit_no_gross_errors(arm: Experiment) -> None:

@@ -19,10 +19,10 @@ from qsframework.plugin import Array, Indices
 
 _SLACK = 16.0
 """How much worse, in squares of the noise, an exchange may fit than leaving out the worst of its rows."""
-_WORK, _FEWEST, _GROUPS = 300_000_000, 200, 20
-"""Exchanges that are tried times scalar readings, and how many are at least; exchanges in all states of a long file."""
-_AT_ONCE, _NUMBERS = 500, 20_000_000
-"""Exchanges tried in one product, and numbers in it: long files take fewer exchanges at once, and no more memory."""
+_MOST, _GROUPS = 100_000, 20
+"""Exchanges that are tried, and those in all states of a long file."""
+_NUMBERS = 5_000_000
+"""In one product: large ones are taken in parts."""
 
 
 def exchanged_markers(fit: Linearized, level: float) -> Hypothesis | None:
@@ -63,7 +63,9 @@ def _exchanges(fit: Linearized, level: float) -> list[tuple[Indices, str]]:
             break
         chosen = candidates[best]
         out.append((fit.keep[chosen], _swap_words(fit, chosen, best < single)))
-        fit = replace(fit, errors=fit.errors + _change(fit, chosen))
+        errors = fit.rows.spread(fit.errors)
+        errors[chosen[:, 0]] += _change(fit, chosen)
+        fit = replace(fit, errors=fit.rows.flat(errors))
         taken = set(chosen.ravel().tolist())
         able &= np.array([not taken & set(c.ravel().tolist()) for c in candidates])
     return out
@@ -80,14 +82,13 @@ def _together(fit: Linearized) -> list[Indices]:
 
 def _worst(fit: Linearized, every: list[Indices]) -> list[Indices]:
     """Of rows that may be exchanged all, or of long files those that fit worst: an exchange spoils both its rows."""
-    most = max(_FEWEST, _WORK // fit.fit.white.size)
-    if _count(np.array([len(rows) for rows in every])) <= most:
+    if _count(np.array([len(rows) for rows in every])) <= _MOST:
         return every
     misfit = fit.fit.misfits(fit.row, len(fit.keep))
     part = np.repeat(np.arange(len(every)), [len(rows) for rows in every])
     rows = np.concatenate(every)
     worst = np.argsort(-misfit[rows], kind="stable")
-    used = bisect_left(range(len(rows)), True, key=lambda n: _count(np.bincount(part[worst[: n + 1]])) > most)
+    used = bisect_left(range(len(rows)), True, key=lambda n: _count(np.bincount(part[worst[: n + 1]])) > _MOST)
     kept = np.sort(worst[:used])
     return [rows[kept[part[kept] == k]] for k in np.unique(part[kept])]
 
@@ -129,23 +130,27 @@ def _orders(rows: Indices) -> list[Indices]:
     return out
 
 
-def _change(fit: Linearized, order: Indices) -> Array:
-    """What an exchange (k, 2) adds to the errors (m,), m."""
-    measured = np.nan_to_num(fit.rows.measured)
-    d = np.zeros_like(measured)
-    d[order[:, 0]] = measured[order[:, 1]] - measured[order[:, 0]]
-    return fit.rows.flat(d)
+def _change(fit: Linearized, orders: Indices) -> Array:
+    """What exchanges (n, k, 2) add to the readings of their rows (n, k, 3), m."""
+    measured = fit.rows.measured
+    return measured[orders[..., 1]] - measured[orders[..., 0]]
 
 
 def _changes(fit: Linearized, orders: Sequence[Indices]) -> Array:
     """How much the sum of squares changes with each exchange."""
-    r = fit.fit.white
-    at_once = max(1, min(_AT_ONCE, _NUMBERS // r.size))
-    out: list[Array] = []
-    for k in range(0, len(orders), at_once):
-        d = fit.noise.whiten(np.stack([_change(fit, o) for o in orders[k : k + at_once]], axis=1))
-        out.append(2.0 * r @ d + np.square(d).sum(axis=0) - np.square(fit.fit.Q.T @ d).sum(axis=0))
-    return np.concatenate(out)
+    places = np.nan_to_num(fit.rows.spread(np.arange(float(len(fit.row))))).astype(np.intp)
+    r, Q = fit.noise.turned(fit.fit.white), fit.noise.turned(fit.fit.Q)
+    out = np.empty(len(orders))
+    for k in sorted({len(o) for o in orders}):
+        same = [i for i, o in enumerate(orders) if len(o) == k]
+        count = max(1, _NUMBERS // (3 * k * max(Q.shape[1], 1)))
+        for part in (same[i : i + count] for i in range(0, len(same), count)):
+            order = np.stack([orders[i] for i in part])
+            at = places[order[..., 0]].reshape(len(part), -1)
+            d = _change(fit, order).reshape(len(part), -1)
+            explained = np.square(np.einsum("ns,nsp->np", d, Q[at])).sum(axis=1)
+            out[part] = 2.0 * (r[at] * d).sum(axis=1) + fit.noise.squares(at, d) - explained
+    return out
 
 
 def _swap_words(fit: Linearized, order: Indices, single: bool) -> str:

@@ -118,8 +118,8 @@ def _sums(fit: Linearized, given: Linearized, seen: Visits) -> Array:
     both = given.noise.whiten(np.column_stack([fit.slopes, fit.errors]))
     visit = seen.of[fit.row]
     out = np.zeros((len(seen) + 1, both.shape[1] + 1, both.shape[1] + 1))
-    for v in range(len(seen)):
-        part = both[visit == v]
+    ends = np.cumsum(np.bincount(visit, minlength=len(seen)))
+    for v, part in enumerate(np.split(both[np.argsort(visit, kind="stable")], ends[:-1])):
         out[v + 1, :-1, :-1] = part.T @ part
         out[v + 1, -1, -1] = len(part)
     return np.cumsum(out, axis=0)
