@@ -44,6 +44,8 @@ _EVIDENCE = 10.0
 """Log of how much likelier errors of the angles must be than errors in all directions."""
 _PART = 5_000
 """Rows of a long table that are judged together."""
+_MARKERS = 500
+"""The offsets of more markers than these are not fitted: such a tool is judged by its rigidity alone."""
 _BLOCK = 0.6
 """Share of the rows of a series, marker or stretch that are gross, from which they are told as one block."""
 
@@ -70,6 +72,8 @@ def find_outliers(experiment: Experiment, readings: Readings, names: Sequence[st
     Long tables are judged in parts, each of every so many-th visit: a richer model is known well enough from either.
     """
     experiment = experiment if names is None else experiment.with_(fit=tuple(names))
+    if len(experiment.markers) > _MARKERS:
+        return None
     try:
         rows = make_rows(readings)
         parts = _parts(rows)
