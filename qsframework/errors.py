@@ -149,3 +149,8 @@ def nearest(name: str, allowed: Iterable[str]) -> str | None:
     known = {word.lower(): word for word in allowed}
     close = difflib.get_close_matches(name.lower(), list(known), n=1, cutoff=0.5)
     return f"Did you mean {known[close[0]]!r}?" if close else None
+
+
+def some_of(names: Sequence[str], most: int = 8, between: str = ", ") -> str:
+    """Names in a sentence, the first of many."""
+    return between.join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
