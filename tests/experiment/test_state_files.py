@@ -15,6 +15,8 @@ from qsframework.experiment import (
     holds_states,
     load_experiment,
     read_readings,
+    simulate_rows,
+    write_readings,
 )
 
 
@@ -71,6 +73,15 @@ def test_several_loads_share_one_unloaded_state(ur10: Experiment, tmp_path: Path
     assert found.poses.wrench[:, 2].tolist() == [0.0, -50.0, -90.0, 0.0]
     assert found.states.series == ("",) * 4
     assert found.frames == ("",)
+
+
+def test_a_simulated_table_keeps_which_load_a_row_has(ur10: Experiment, tmp_path: Path) -> None:
+    """Two loads at one pose: what is simulated of their rows is read again."""
+    made = simulate_rows(ur10, read_readings(write(tmp_path, list(ROWS[:3])), ur10)).readings
+    write_readings(tmp_path / "made.csv", made, ur10)
+    again = read_readings(tmp_path / "made.csv", ur10)
+    assert [again.states.load_id[s] for s in again.plus] == ["A", "B"]
+    assert np.allclose(again.value, made.value)
 
 
 def cell(row: int, column: int, value: str) -> Callable[[list[str]], list[str]]:
