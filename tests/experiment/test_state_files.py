@@ -137,7 +137,7 @@ def test_a_wrong_header_is_named(ur10: Experiment, tmp_path: Path) -> None:
     assert len(read_positions(write(tmp_path, [short[0], short[3]], header), ur10)) == 2
     with pytest.raises(InputError, match=r"does not say its unit"):
         read_positions(write(tmp_path, list(ROWS), HEADER.replace("y_mm", "y")), ur10)
-    with pytest.raises(InputError, match=r"column state"):
+    with pytest.raises(InputError, match=r"column stage.*Did you mean 'state'"):
         read_positions(write(tmp_path, list(ROWS), HEADER.replace("state", "stage")), ur10)
 
 
