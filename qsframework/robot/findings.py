@@ -13,6 +13,7 @@ from qsframework.robot.kinematics import Frames, joint_frames
 from qsframework.robot.robot import Robot
 from qsframework.robot.sight import depth
 from qsframework.robot.statics import GravityCheck
+from qsframework.units import SLIDES, TURNS
 
 _BESIDE = 0.45
 """Of a lever's length: how far its pivot may stand outside what is drawn of its link; the shipped arms' do to 0.28."""
@@ -44,6 +45,8 @@ def _strengths(robot: Robot) -> Iterator[GravityCheck]:
     weight = np.abs(kernel_statics(robot, q).torque[: facts.n]).max(axis=1)
     known = {p.name: p.nominal for p in robot.parameters}
     for spring in (e for e in robot.effects if isinstance(e, ParallelSpring)):
+        if not set(spring.joints(facts)) <= set(facts.joints):
+            continue  # it pulls at a bar of a loop
         joints = [facts.joint_index(joint) for joint in spring.joints(facts)]
         x = np.array([known[p.name] for p in spring.parameters(facts)])
         term = spring.torque(q[:, joints], x, Context(facts, Poses(q, q, np.zeros((len(q), 6))), False))
@@ -55,7 +58,8 @@ def _strengths(robot: Robot) -> Iterator[GravityCheck]:
             yield GravityCheck(spring.name, False, f"{text}: look at its lengths, pressure, area and stiffness")
     for k, limit in enumerate(robot.torque_limits if robot.torque_limits is not None else ()):
         if limit < _WEAKER * weight[k]:
-            text = f"torque_limit of {limit:.3g} N m, but the links alone load it with {weight[k]:.3g} N m"
+            unit = (SLIDES if facts.slides(facts.joints[k]) else TURNS).load
+            text = f"its actuator bears {limit:.3g} {unit}, but the links alone load it with {weight[k]:.3g} {unit}"
             yield GravityCheck(facts.joints[k], False, f"{text}: look at the unit; it is that behind the gear")
 
 

@@ -73,7 +73,7 @@ UNLIKELY = {
         "robot.yaml",
         JOINT_2,
         f"{JOINT_2}, torque_limit_Nm: 5",
-        "joint_2: torque_limit of 5 N m, but the links",
+        "joint_2: its actuator bears 5 N m",
     ),
     "missing": ("robot.yaml", LOOP, "joint_3: {limits", "write equals: J3 + J2"),
     "wrong": ("robot.yaml", LOOP, LOOP.replace("+", "-"), "adds -1 J2, so the loop does not close"),
