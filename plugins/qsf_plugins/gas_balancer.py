@@ -47,7 +47,7 @@ class GasBalancer(ParallelSpring):
     _: KW_ONLY
     length: float = setting("m", span=SIDES)
     """Distance of the pivots at which the gas has the stated pressure and volume: the preload."""
-    pressure: float = setting("Pa", span=(1e4, 1e8))
+    pressure: float = setting("Pa", span=(1e4, 1e9))
     volume: float = setting("m^3", span=(1e-5, 1e3))
     piston_area: float = setting("m^2", span=(1e-5, 0.5))
     rod_area: float = setting("m^2", 0.0)
