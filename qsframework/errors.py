@@ -19,6 +19,8 @@ __all__ = [
 ]
 MOST_PROBLEMS = 1000
 """Problems of one kind that are told of one table; a wrong column would give one for each row."""
+_NEAR = 0.6
+"""Ratio of letters that two spellings of one name share at least."""
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
@@ -146,6 +148,18 @@ class PluginError(QsfError):
 
 def nearest(name: str, allowed: Iterable[str]) -> str | None:
     """A sentence with the nearest allowed name, or None if nothing is near."""
+    near = near_name(name, allowed)
+    return None if near is None else f"Did you mean {near!r}?"
+
+
+def near_name(name: str, allowed: Iterable[str]) -> str | None:
+    """The nearest allowed name, else the first that begins as this one, or None if nothing is near."""
     known = {word.lower(): word for word in allowed}
-    close = difflib.get_close_matches(name.lower(), list(known), n=1, cutoff=0.5)
-    return f"Did you mean {known[close[0]]!r}?" if close else None
+    close = difflib.get_close_matches(name.lower(), list(known), n=1, cutoff=_NEAR)
+    close += [word for word in known if len(name) > 2 and word.startswith(name.lower())]
+    return known[close[0]] if close else None
+
+
+def some_of(names: Sequence[str], most: int = 8, between: str = ", ") -> str:
+    """Names in a sentence, the first of many."""
+    return between.join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")

@@ -54,9 +54,12 @@ TOOL = 10.0
 def beyond(value: float, si: str) -> PlausibleRange | None:
     """The range that a value, SI, lies outside of; None where it may be, and for what is no number."""
     known = RANGES.get(si)
-    if known is None or value == 0.0 or math.isnan(value) or known.least <= abs(value) <= known.most:
-        return None
-    return known
+    return None if known is None else outside(value, known)
+
+
+def outside(value: float, known: PlausibleRange) -> PlausibleRange | None:
+    """The range, where a value lies outside of it."""
+    return None if value == 0.0 or math.isnan(value) or known.least <= abs(value) <= known.most else known
 
 
 def allowed(known: PlausibleRange, si: str, unit: str = "") -> str:

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from qsframework.errors import InputError, Problem
 
-_ALIASES = {"Nm": "N*m", "kNm": "kN*m", "percent": "percent", "": "dimensionless"}
+_ALIASES = {"Nm": "N*m", "kNm": "kN*m", "kp": "kgf", "percent": "percent", "": "dimensionless"}
 _LONGEST = 40
 _SHAPE = re.compile(r"(?:1\s*(?=/)|[^\W\d]\w*+|[°%²³]|(?:\*\*|\^)\s*-?\d(?![\w.]|\s*(?:\*\*|\^))|[*/()\s])+")
 """Names joined by * and /, each to a power of one digit: pint would also work out 9**9**9."""
@@ -41,8 +41,16 @@ ALLOWED: dict[str, tuple[str, ...]] = {
 
 _LENGTH, _FORCE, _TIME = "[length]", "[mass] * [length] / [time] ** 2", "[time]"
 _MOMENT, _GIVE = "[mass] * [length] ** 2 / [time] ** 2", "[time] ** 2 / [mass] / [length] ** 2"
+
+
+def _ordered(dimension: str) -> str:
+    """A dimension with its factors in the order of their names: pint's own depends on how a unit was made."""
+    up, *down = dimension.split(" / ")
+    return " / ".join([" * ".join(sorted(up.split(" * "))), *sorted(down)])
+
+
 _OFTEN: dict[str, tuple[float, float, str]] = {"degC": (1.0, 273.15, "[temperature], angle^0")} | {
-    unit: (factor, 0.0, f"{dimension}, angle^{angle}")
+    unit: (factor, 0.0, f"{_ordered(dimension)}, angle^{angle}")
     for dimension, angle, units in (
         ("dimensionless", 1, {"rad": 1.0, "deg": math.pi / 180.0, "mrad": 1e-3, "urad": 1e-6}),
         ("dimensionless", 0, {"": 1.0, "percent": 0.01, "um/m": 1e-6}),
@@ -106,7 +114,7 @@ def _ask_pint(unit: str) -> tuple[float, float, str]:
     if not (0.0 < factor < math.inf and math.isclose(two - one.magnitude, factor, rel_tol=1e-9)):
         raise ValueError(f"the unit {unit!r} has no constant factor to SI")
     angle = sum(power for name, power in dict(parsed._units).items() if name.endswith(_ANGLES))
-    return factor, offset, f"{one.dimensionality}, angle^{angle:g}"
+    return factor, offset, f"{_ordered(str(one.dimensionality))}, angle^{angle:g}"
 
 
 def known(unit: str) -> bool:

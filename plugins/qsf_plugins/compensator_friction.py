@@ -8,7 +8,7 @@ from dataclasses import KW_ONLY, dataclass
 import numpy as np
 
 from qsf_plugins.gravity_compensator import GravityCompensator
-from qsf_plugins.spring_triangle import SpringTriangle, check_label, spring
+from qsf_plugins.spring_triangle import SIDES, SpringTriangle, check_label, spring
 from qsframework.plugin import (
     Array,
     Context,
@@ -29,12 +29,12 @@ class CompensatorFriction(ParallelSpring):
     """The balancer's moment M_c is larger or smaller by a share mu, against the side of approach."""
 
     joint: str = place()
-    lc: float = setting("m")
-    l2: float = setting("m")
+    lc: float = setting("m", span=SIDES)
+    l2: float = setting("m", span=SIDES)
     _: KW_ONLY
     spring_stiffness: float = setting("N/m")
     """Of the balancer's spring: friction is a share of its force."""
-    free_length: float = setting("m")
+    free_length: float = setting("m", span=SIDES)
     zero: float = setting("rad", 0.0)
     label: str = place("")
     """Of several balancers at one joint, which."""

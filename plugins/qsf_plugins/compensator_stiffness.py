@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from qsf_plugins.spring_triangle import SpringTriangle, check_label, spring
+from qsf_plugins.spring_triangle import SIDES, SpringTriangle, check_label, spring
 from qsframework.plugin import (
     Array,
     Context,
@@ -27,8 +27,8 @@ class CompensatorStiffness(ParallelSpring):
     """
 
     joint: str = place()
-    lc: float = setting("m")
-    l2: float = setting("m")
+    lc: float = setting("m", span=SIDES)
+    l2: float = setting("m", span=SIDES)
     zero: float = setting("rad", 0.0)
     label: str = place("")
     """Of several balancers at one joint, which."""

@@ -18,9 +18,9 @@ class Counterweight(Load):
     """
 
     link: str = place()
-    x: float = setting("m")
-    y: float = setting("m")
-    z: float = setting("m")
+    x: float = setting("m", span=(0.0, 5.0))
+    y: float = setting("m", span=(0.0, 5.0))
+    z: float = setting("m", span=(0.0, 5.0))
     order = 4
     equation = "tau_0 gains J' (m g), J that of the mass's point"
     source = "Klimchik et al., section 3.3"

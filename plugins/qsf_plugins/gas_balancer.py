@@ -8,7 +8,7 @@ from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
 
-from qsf_plugins.spring_triangle import SpringTriangle, Tension, check_label, stated
+from qsf_plugins.spring_triangle import SIDES, SpringTriangle, Tension, check_label, stated
 from qsframework.plugin import (
     Array,
     Context,
@@ -40,16 +40,16 @@ class GasBalancer(ParallelSpring):
     """
 
     joint: str = place()
-    lc: float = setting("m")
+    lc: float = setting("m", span=SIDES)
     """From the joint's axis to the balancer's pivot on the previous link."""
-    l2: float = setting("m")
+    l2: float = setting("m", span=SIDES)
     """From the joint's axis to the balancer's pivot on the link that the joint moves."""
     _: KW_ONLY
-    length: float = setting("m")
+    length: float = setting("m", span=SIDES)
     """Distance of the pivots at which the gas has the stated pressure and volume: the preload."""
-    pressure: float = setting("Pa")
-    volume: float = setting("m^3")
-    piston_area: float = setting("m^2")
+    pressure: float = setting("Pa", span=(1e4, 1e9))
+    volume: float = setting("m^3", span=(1e-5, 1e3))
+    piston_area: float = setting("m^2", span=(1e-5, 0.5))
     rod_area: float = setting("m^2", 0.0)
     exponent: float = setting("", 1.0)
     """n: 1 for gas that has taken the temperature around it, as in an arm that stands; 1.4 for a fast move."""

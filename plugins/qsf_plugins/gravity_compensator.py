@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from qsf_plugins.spring_triangle import SpringTriangle, check_label, spring
+from qsf_plugins.spring_triangle import SIDES, SpringTriangle, check_label, spring
 from qsframework.plugin import Array, Context, ParallelSpring, Parameter, Point, RobotFacts, TorqueTerm, place, setting
 
 
@@ -18,9 +18,9 @@ class GravityCompensator(ParallelSpring):
     """
 
     joint: str = place()
-    lc: float = setting("m")
+    lc: float = setting("m", span=SIDES)
     """From the joint's axis to the spring's pivot on the previous link."""
-    l2: float = setting("m")
+    l2: float = setting("m", span=SIDES)
     """From the joint's axis to the spring's pivot on the link that the joint moves."""
     zero: float = setting("rad", 0.0)
     """Angle b between these two lines at zero joint angle; b grows with the joint angle."""

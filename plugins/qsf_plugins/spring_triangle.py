@@ -20,6 +20,8 @@ _SHARE, _ANGLE = 0.02, 0.02
 """Natural sizes of an error: of a pivot's distance, as a share of both sides; of the angle, rad."""
 _LEAST, _APART, _QUARTER = 0.01, 1e-6, 0.5 * math.pi
 """Share of a side that a fit leaves of it at least; share by which the sides differ at least; turn of the angle."""
+SIDES = 0.01, 5.0
+"""m: from the joint to a pivot, and between two pivots, of any arm: the largest reach 4 m."""
 _LABEL = re.compile(r"[A-Za-z0-9_-]*")
 
 

@@ -14,9 +14,8 @@ from typing import Annotated, Literal
 import numpy as np
 
 from qsframework.diagnose import Diagnosis, diagnose
-from qsframework.errors import InputError, Problem, QsfError
+from qsframework.errors import InputError, Problem, QsfError, some_of
 from qsframework.experiment import Experiment, Frame, Readings, make_rows
-from qsframework.experiment.account import some_of
 from qsframework.experiment.observations import ReadingRows, values_before
 from qsframework.files import FileModel, Unit, read_yaml, validate as checked
 from qsframework.identify import FitRecord, validate, validate_halves

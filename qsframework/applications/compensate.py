@@ -21,9 +21,9 @@ from qsframework.applications.targets import Targets
 from qsframework.arguments import checked
 from qsframework.elastostatics import Model, actuator_torques, equilibrium, range_notes
 from qsframework.elastostatics.so3 import cross_matrix
-from qsframework.errors import InputError, NotConverged, Problem
+from qsframework.errors import InputError, NotConverged, Problem, some_of
 from qsframework.experiment import Experiment, Frame
-from qsframework.experiment.account import Account, some_of
+from qsframework.experiment.account import Account
 from qsframework.files import as_file
 from qsframework.identify import FitRecord
 from qsframework.identify.soundness import check_fit

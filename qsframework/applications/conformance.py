@@ -22,6 +22,7 @@ from qsframework.identify import identify
 from qsframework.plugin import Array, Poses
 from qsframework.plugin.registry import with_role
 from qsframework.robot import Robot, load_robot
+from qsframework.robot.findings import robot_findings
 from qsframework.robot.statics import GravityCheck, check_gravity, check_kinematics
 
 POSES = 8
@@ -76,7 +77,7 @@ def check_robot(robot: Robot | str | Path, seed: int = 0, progress: Progress | N
             except QsfError as error:
                 good, words = False, str(error)
             run.checks.append(GravityCheck(name, good, words))
-    return tuple(run.checks)
+    return (*run.checks, *robot_findings(loaded))
 
 
 def small_campaign(robot: Robot, folder: Path) -> Experiment:

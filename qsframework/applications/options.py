@@ -77,7 +77,7 @@ class ProgrammeOptions(Options):
     ] = field(default_factory=dict[str, "Array"])
     keep: Annotated[
         tuple[str, ...],
-        Option("Leave this point, or 'line N' of a motion, uncorrected; refused: all refused ones."),
+        Option("Leave this point, or the motion in 'line N' of the file, uncorrected; refused: all refused ones."),
     ] = ()
     tools: Annotated[
         Mapping[str, Array],

@@ -21,7 +21,7 @@ from qsframework.applications.stiffness import check_asked
 from qsframework.arguments import checked
 from qsframework.errors import InputError, Problem, refuse
 from qsframework.experiment import Experiment
-from qsframework.experiment.columns import WRENCH, XYZ, Column, Table, force_columns, joint_stems, read_table
+from qsframework.experiment.columns import WRENCH, XYZ, Column, Table, force_columns, joint_stems, numbered, read_table
 from qsframework.experiment.plan import joint_columns
 from qsframework.experiment.plausible_readings import no_load
 from qsframework.files.documents import nearest_file
@@ -131,6 +131,12 @@ def read_targets(path: str | Path, experiment: Experiment, tell: Tell | None = N
     pendant = table.columns(joints) if joints[0] in table.numbers else None
     problems += _capacity(table, wrench, experiment)
     names = table.texts.get("target", [f"t{i + 1:02d}" for i in range(len(table.rows))])
+    group, rows = numbered([name or i for i, name in enumerate(names)])
+    problems += [
+        table.problem(i, "target", f"target {names[i]!r} stands here twice; first in line {table.rows[first]}")
+        for i, first in enumerate(rows[group])
+        if first != i
+    ]
     wanted = _poses(table, problems) if cartesian else None
     refuse(problems)
     if wanted is None:

@@ -22,6 +22,12 @@ from qsframework.robot import Robot, load_robot, robot_names
 from qsframework.robot.findings import robot_findings
 from qsframework.robot.statics import WEIGHTLESS
 
+_READ_BY = {
+    "plan": "qsf simulate EXPERIMENT PLAN reads it, with its constraints.",
+    "targets": "qsf compensate EXPERIMENT FIT TARGETS reads them.",
+    "fit": "qsf validate EXPERIMENT FIT READINGS reads it.",
+}
+"""The command that checks what is no experiment."""
 Line = tuple[bool | None, str, str]
 """Whether it is as it should be (None: not measured), its kind, and what was found."""
 
@@ -85,6 +91,8 @@ def _check(file: Path, data: tuple[Path, ...]) -> Checked:
         robot = load_robot(file)
         words = f"robot {robot.name}, {robot.facts.n} joints, {len(robot.parameters)} parameters"
         return Checked(file=file, words=words, robot=robot, lines=_of_robot(robot))
+    if (found := kind(file)) in _READ_BY:
+        raise InputError(Problem("is no experiment and no robot", str(file), found=found, hint=_READ_BY[found]))
     experiment = load_experiment(file)
     words = f"experiment with {experiment.robot.name}, {len(experiment.markers)} markers"
     own = _of_robot(experiment.robot)

@@ -22,6 +22,7 @@ from qsframework.design import (
 )
 from qsframework.design.candidates import Candidates
 from qsframework.design.need import Needed
+from qsframework.design.problem import counted_once
 from qsframework.elastostatics import range_notes
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Plan, Readings, load_experiment, read_plan, read_readings, write_plan
@@ -79,7 +80,7 @@ def run_design(
     write_plan(files.output, plan, experiment)
     sds = {"this plan": predicted_sd(experiment, plan)}
     if taken:
-        sds["with what was taken"] = joint_sd(experiment, [plan, *taken])
+        sds["with what was taken"] = joint_sd(experiment, [plan, *counted_once(taken)[0]])
     table = _sd_table(experiment, plan, sds)
     verdict = plan_verdict(experiment, plan, sds["this plan"], needed is None or needed.enough)
     print_verdict(verdict)

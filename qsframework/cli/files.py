@@ -32,7 +32,7 @@ class DesignFiles:
         float | None,
         Option("With --for: required accuracy of the tool there, k = 2.", name="accuracy-mm", least=0.0, unit="mm"),
     ] = None
-    taken: Annotated[tuple[Path, ...], Option("Readings or a plan already taken.")] = ()
+    taken: Annotated[tuple[Path, ...], Option("Readings or a plan already taken; a pose of both counts once.")] = ()
     test_poses: Annotated[
         Path | None, Option("For I and G: plan file with the poses and loads of the work.", group="Criterion")
     ] = None

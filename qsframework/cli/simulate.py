@@ -6,6 +6,7 @@ from pathlib import Path
 
 from qsframework.cli.commands import beside, distinct_outputs, write_json
 from qsframework.cli.printing import print_folded, print_notes
+from qsframework.errors import some_of
 from qsframework.experiment import Experiment, load_experiment, read_plan
 from qsframework.experiment.readings_table import holds_readings
 
@@ -39,7 +40,7 @@ def run_simulate(
     solid = touching(experiment, plan.pendant)
     for constraint, poses in broken_constraints(experiment, plan).items():
         pairs = ", ".join(dict.fromkeys(filter(None, solid.get(constraint, ()))))
-        print_folded(f"note: {', '.join(poses)} break the constraint {constraint!r}{f' ({pairs})' if pairs else ''}")
+        print_folded(f"note: {some_of(poses)} break the constraint {constraint!r}{f' ({pairs})' if pairs else ''}")
     result = simulate(experiment, plan, truth=truth, seed=seed, linear=linear)
     notes = range_notes(result.model, plan.poses, plan.pose, result.x)
     print_notes(notes)

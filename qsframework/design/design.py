@@ -21,6 +21,7 @@ from qsframework.design.options import CriterionName, DesignOptions
 from qsframework.design.polish import polish
 from qsframework.design.problem import (
     DesignProblem,
+    counted_once,
     draw_samples,
     make_problem,
     require_rank,
@@ -30,7 +31,7 @@ from qsframework.design.problem import (
 from qsframework.design.relaxed import SOLVER
 from qsframework.design.task import white_basis
 from qsframework.elastostatics import Site
-from qsframework.errors import InputError, NotIdentifiable
+from qsframework.errors import InputError, NotIdentifiable, some_of
 from qsframework.experiment import Experiment, Plan, PlanCertificate, Readings, make_plan
 from qsframework.experiment.observations import start_values
 from qsframework.information.rows import as_rows, gathered_information
@@ -79,7 +80,7 @@ def design(
         options: everything else; it replaces criterion and repeats.
         test_poses: for I and G: where the tip is to be known best.
         tip: the load point if None.
-        taken: plans or readings whose information is there already.
+        taken: plans or readings whose information is there already; a plan's pose that was read counts once.
         work: where the candidates and the exchange are computed.
 
     Returns:
@@ -97,6 +98,7 @@ def design(
     if isinstance(candidates, int):
         told = partial(tell, "candidate poses")
         candidates = generate_candidates(experiment, candidates, seed, told, work)
+    taken, again = counted_once(taken)
     names = experiment.fit_names()
     samples = np.stack(
         [start_values(experiment, names, x) for x in draw_samples(experiment.model(), options.samples, seed)]
@@ -119,7 +121,8 @@ def design(
             one = _chosen(one, rule, options, seed, tell, work)
             best = one if best is None or one.value < best.value else best
     assert best is not None
-    return _plan(best, rule, options, tries[0].bound, seed, tell)
+    once = (f"poses that stand twice in what was taken count once: {some_of(again)}",) if again else ()
+    return _plan(best, rule, options, tries[0].bound, seed, tell, *once)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -327,7 +330,9 @@ def _quotas(
     return Quotas(groups, tuple(count for _, count in counts), problem.place(short), repeats)
 
 
-def _plan(one: _Tried, rule: Robust, options: DesignOptions, bound: float, seed: int, tell: Progress) -> Plan:
+def _plan(
+    one: _Tried, rule: Robust, options: DesignOptions, bound: float, seed: int, tell: Progress, *notes: str
+) -> Plan:
     """Put the chosen candidates, polished, and the certificate into a Plan. bound: no plan has a criterion below it"""
     problem, relaxed, chosen, counts = one.problem, one.relaxed, one.chosen, one.counts
     total = int(counts.sum())
@@ -357,6 +362,7 @@ def _plan(one: _Tried, rule: Robust, options: DesignOptions, bound: float, seed:
         notes=(
             *_notes(problem, rule, M[0], np.bincount(problem.load(chosen), minlength=len(problem.loads))),
             *((_FIRST_STEP,) if problem.linear else ()),
+            *notes,
         ),
     )
     load, station = problem.load(chosen), problem.station(chosen)
@@ -388,9 +394,8 @@ def _notes(problem: DesignProblem, rule: Robust, M: Array, counts: Indices) -> t
     parameters' scales. counts (loads,): poses under each"""
     notes: list[str] = []
     if problem.held:
-        shown = ", ".join(own.name for own in problem.held[:6])
-        more = f" and {len(problem.held) - 6} more" if len(problem.held) > 6 else ""
-        notes.append(f"held at nominal, as no plan of these readings identifies them: {shown}{more}")
+        shown = some_of([own.name for own in problem.held], 6)
+        notes.append(f"held at nominal, as no plan of these readings identifies them: {shown}")
     if any(load.of_positions for load in problem.loads):
         notes += [
             f"no pose is planned under {load.name or 'no load'}: leave it out, or state its poses_min"

@@ -10,6 +10,7 @@ from qsframework.design.candidates import check_poses, joint_range, snapped
 from qsframework.design.interior import moments_of
 from qsframework.design.minimax import Robust
 from qsframework.design.problem import DesignProblem
+from qsframework.experiment import Experiment
 from qsframework.information.rows import block_scores, root
 from qsframework.plugin import Array, Indices
 
@@ -41,20 +42,20 @@ def polish(
         if new > value * (1.0 - 1e-5):
             break
         (pendant, moments), value = moved, new
-    rounded = _rounded(problem, pendant)
-    better = _value(problem, rule, _moments(problem, rounded, chosen), counts) <= start
-    return rounded if better else pendant
+    round_ = rounded(problem.experiment, pendant)
+    better = _value(problem, rule, _moments(problem, round_, chosen), counts) <= start
+    return round_ if better else pendant
 
 
-def _rounded(problem: DesignProblem, pendant: Array) -> Array:
-    """Hundredths of a degree or a millimetre, in finer steps for a pose that would leave the constraints."""
-    lower, upper = joint_range(problem.experiment)
-    units = problem.experiment.robot.controller.units
+def rounded(experiment: Experiment, pendant: Array) -> Array:
+    """Poses (m, n) in hundredths of a degree or a millimetre, in finer steps where one would leave the constraints."""
+    lower, upper = joint_range(experiment)
+    units = experiment.robot.controller.units
     out = pendant.copy()
     open_ = np.ones(len(out), dtype=bool)
     for digits in _DIGITS:
         trial = np.clip(units.si(np.round(units.shown(pendant), digits)), lower, upper)
-        good = open_ & _kept(problem, trial)
+        good = open_ & _kept(experiment, trial)
         out[good] = trial[good]
         open_ &= ~good
     return out
@@ -75,9 +76,9 @@ def _value(problem: DesignProblem, rule: Robust, moments: Array, counts: Indices
     return float(rule.value(problem.prior + np.tensordot(counts, moments, 1)))
 
 
-def _kept(problem: DesignProblem, pendant: Array) -> Array:
-    checks = check_poses(problem.experiment, problem.experiment.model(), pendant)
-    same = np.abs(snapped(problem.experiment, pendant) - pendant).max(axis=1) < 1e-9
+def _kept(experiment: Experiment, pendant: Array) -> Array:
+    checks = check_poses(experiment, experiment.model(), pendant)
+    same = np.abs(snapped(experiment, pendant) - pendant).max(axis=1) < 1e-9
     return np.logical_and.reduce([*checks.values(), same])
 
 
@@ -103,7 +104,7 @@ def _moved(
     moved = pendant[:, None] + _SIZES[:, None] * scales * slope[:, None]
     trials = np.clip(units.si(np.round(units.shown(moved), _DIGITS[0])), lower, upper)
     flat = trials.reshape(-1, n)
-    kept = _kept(problem, flat).reshape(count, -1)
+    kept = _kept(problem.experiment, flat).reshape(count, -1)
     moments = _moments(problem, flat, np.repeat(chosen, len(_SIZES))).reshape(count, len(_SIZES), *M.shape)
     out, M_out, changed = pendant.copy(), M_each.copy(), False
     for i in range(count):

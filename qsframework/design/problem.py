@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from qsframework.design.candidates import Candidates
 from qsframework.design.reading import FRAME_SD, CandidateReading, StationRows, sample_rows
@@ -15,6 +16,7 @@ from qsframework.estimation import RankTest, rank_test, scales
 from qsframework.experiment import Experiment, LoadCase, Plan, Readings
 from qsframework.experiment.frames import AXES
 from qsframework.experiment.observations import start_values
+from qsframework.experiment.plan import make_plan
 from qsframework.experiment.simulate import prior_draws
 from qsframework.experiment.stations import Station
 from qsframework.information import Allowed, CandidateRows, MadeRows, as_rows, loss_words
@@ -35,6 +37,9 @@ _TRIED, _ALIKE = 512, 0.05
 """Beyond, so many of them say whether the first step from the commanded pose ranks alike: where the information of any
 combination of parameters differs by less than this share."""
 _TEST_POSES = 200
+_SAME, _NEAR, _SAME_LOAD = float(np.deg2rad(0.02)), float(np.deg2rad(1.0)), 0.01
+"""rad, share: an arm stands at the same angles up to the first, near a planned pose up to the second; loads are the
+same up to the third."""
 _HELD = 2000
 """Candidates that are asked which parameters positions tell."""
 Prior = Callable[[Sequence[str]], Array]
@@ -419,6 +424,43 @@ def taken_information(experiment: Experiment, taken: Plan | Readings, names: Seq
     else:
         each = [readings_columns(experiment, taken, names, x) for x in samples]
     return np.stack([A.T @ A for A in each])
+
+
+def counted_once(taken: Sequence[Plan | Readings]) -> tuple[list[Plan | Readings], list[str]]:
+    """What was taken, readings first, each plan without the poses that readings or another plan hold: these by name."""
+    out, again, seen = list[Plan | Readings](), list[str](), list[Plan]()
+    for one in sorted(taken, key=lambda part: isinstance(part, Plan)):
+        plan = _visited(one)
+        if isinstance(one, Plan):
+            twice = np.any([np.zeros(len(plan.pose), dtype=bool), *(_among(plan, other) for other in seen)], axis=0)
+            again += [plan.pose[i] for i in np.flatnonzero(twice)]
+            one = plan = plan.take(np.flatnonzero(~twice))
+        seen.append(plan)
+        out += [one] if plan.pose else []
+    return out, again
+
+
+def _visited(one: Plan | Readings) -> Plan:
+    """The poses of what was taken, as a plan."""
+    if isinstance(one, Plan):
+        return one
+    at, states = np.unique(one.plus[one.use]), one.states
+    poses = one.poses.take(at)
+    poses = replace(poses, wrench=poses.wrench * states.loaded[at, None])
+    names, series = np.array(states.pose)[at].tolist(), np.array(states.series)[at].tolist()
+    return make_plan(poses, [""] * len(at), names=names, station=series)
+
+
+def _among(plan: Plan, other: Plan) -> npt.NDArray[np.bool_]:
+    """Which poses of a plan (n,) are among others: near one of its name, or at the angles, load and station of one."""
+    gap = np.abs(plan.pendant[:, None] - other.pendant).max(axis=2)
+    named, placed = (
+        np.array(own)[:, None] == np.array(theirs)
+        for own, theirs in ((plan.pose, other.pose), (plan.stations, other.stations))
+    )
+    pull = np.linalg.norm(plan.wrench, axis=1)[:, None]
+    placed &= np.linalg.norm(plan.wrench[:, None] - other.wrench, axis=2) <= _SAME_LOAD * pull
+    return ((named & (gap <= _NEAR)) | (placed & (gap <= _SAME))).any(axis=1)
 
 
 def joint_sd(experiment: Experiment, taken: Sequence[Plan | Readings]) -> Array:

@@ -13,6 +13,7 @@ import numpy as np
 
 from qsframework.arguments import checked
 from qsframework.design import Candidates, generate_candidates
+from qsframework.design.polish import rounded
 from qsframework.diagnose.explanations import Explanations, Foretold, Suspect, foretold, motions_at
 from qsframework.diagnose.mounts import Mount, mounted, mounts_of, of_gauges
 from qsframework.diagnose.result import Diagnosis
@@ -250,9 +251,12 @@ def _judged(diagnosis: Diagnosis, plan: Plan, mounts: Sequence[Mount], seed: int
 
 
 def _plan_of(experiment: Experiment, pool: Plan, chosen: Sequence[int], seed: int) -> Plan:
-    """The visits as a plan; those that repeat the first day come last."""
+    """The visits as a plan, new ones rounded as any plan; those that repeat the first day come last."""
     at = np.array(sorted(chosen))
     names = [f"f{i + 1:02d}" for i in range(len(at))]
     load, units = [pool.load[int(i)] for i in at], experiment.robot.controller.units
-    poses = pool.poses.take(at)
+    pendant = pool.pendant[at]
+    new = np.char.startswith(np.array(pool.pose)[at], "new")
+    pendant[new] = rounded(experiment, pendant[new])
+    poses = Poses(pendant, experiment.robot.controller.to_joints(pendant), pool.wrench[at])
     return make_plan(poses, load, None, "follow-up", None, seed, names, units, robot=experiment.robot.name)

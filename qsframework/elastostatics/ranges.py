@@ -9,6 +9,7 @@ import numpy as np
 
 from qsframework.elastostatics.evaluation import evaluate_stages
 from qsframework.elastostatics.structure import Structure, chunks
+from qsframework.errors import some_of
 from qsframework.plugin import Array, Context, Effect, Poses, Range, SpringLaw
 
 _SLACK = 0.01
@@ -105,8 +106,7 @@ def _note(b: Beyond, names: Sequence[str]) -> str:
     unit, factor, shift = _SHOWN_IN.get(b.unit, (b.unit, 1.0, 0.0))
     low, high, value = (f"{factor * v + shift:.4g}" for v in (b.low, b.high, b.value))
     others = list(dict.fromkeys(names[i] for i in b.poses if names[i] != names[b.worst]))
-    more = f" and {len(others) - _SHOWN} more" if len(others) > _SHOWN else ""
-    also = f" (outside also at {', '.join(others[:_SHOWN])}{more})" if others else ""
+    also = f" (outside also at {some_of(others, _SHOWN)})" if others else ""
     spaced = f" {unit}" if unit else ""
     return (
         f"{b.effect} was learned between {low} and {high}{spaced} of {b.label} and is held constant beyond: "

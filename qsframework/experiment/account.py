@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from qsframework.elastostatics import Model
-from qsframework.errors import InputError
+from qsframework.errors import InputError, some_of
 from qsframework.experiment.frames import PLANE, POINT
 from qsframework.experiment.observations import ReadingRows
 from qsframework.experiment.readings import Readings
@@ -31,8 +31,6 @@ from qsframework.robot import Robot
 _DIGITS = 9
 """Of lengths in m and masses in kg: the trigonometry of another machine may differ in the last bits."""
 
-_MOST = 8
-"""Names that a sentence lists."""
 _MARKS = 128
 """Readings, the smallest by their hashes, by which all are known again."""
 _STEPS = 1e-6, 1e-2, 1e-8
@@ -151,12 +149,6 @@ def _marks(readings: Readings, rows: Indices) -> tuple[str, ...]:
     whole = [np.round(np.nan_to_num(part, nan=-1e3) / step) for part, step in zip(parts, _STEPS, strict=True)]
     cells = np.ascontiguousarray(np.concatenate(whole, axis=1).astype(np.int64))
     return tuple(sorted({f"r{hashlib.blake2b(row.tobytes(), digest_size=8).hexdigest()}" for row in cells}))
-
-
-def some_of(names: Sequence[str]) -> str:
-    """Names in a sentence, the first of many."""
-    more = f" and {len(names) - _MOST} more" if len(names) > _MOST else ""
-    return ", ".join(names[:_MOST]) + more
 
 
 def account_of(experiment: Experiment, rows: ReadingRows, names: Sequence[str]) -> Account:

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qsframework import plausible, units
-from qsframework.errors import MOST_PROBLEMS, InputError, Problem, nearest, refuse
+from qsframework.errors import MOST_PROBLEMS, InputError, Problem, near_name, nearest, refuse, some_of
 from qsframework.files import read_text, write_text
 from qsframework.files.documents import DECIMAL
 from qsframework.plugin import Array, Indices
@@ -297,6 +297,8 @@ def _read_header(path: Path, line: int, header: list[str], columns: Sequence[Col
     plain = {c.stem: c for c in columns if not c.unit}
     spellings = [s for c in columns for s in c.spelling().split(", ")]
 
+    unknown = list[str]()
+
     def wrong(name: str, message: str, allowed: str, hint: str | None = None) -> None:
         problems.append(Problem(message, str(path), line, name, allowed=allowed, hint=hint))
 
@@ -307,16 +309,21 @@ def _read_header(path: Path, line: int, header: list[str], columns: Sequence[Col
         elif name in measured:
             wrong(name, "the name does not say its unit", measured[name].spelling())
         elif parts is None:
-            shown = name or f"{i + 1}, which has no name"
-            wrong(shown, "unknown column", ", ".join(c.stem for c in columns), _hint(name, columns, spellings))
+            unknown.append(name or f"{i + 1}, which has no name")
         elif not units.known(parts[1]) or not units.same_dimension(parts[1], measured[parts[0]].unit):
-            wrong(name, f"{parts[1]!r} is no unit of this kind", measured[parts[0]].spelling())
+            weighed = (parts[1], measured[parts[0]].unit) == ("kg", "N")
+            hint = "1 kg weighs 9.80665 N, which is 1 kgf." if weighed else None
+            wrong(name, f"{parts[1]!r} is no unit of this kind", measured[parts[0]].spelling(), hint)
         else:
             chosen[i] = (measured[parts[0]], parts[1])
+    meant, hint = _meant(unknown, columns, spellings)
+    if unknown:
+        message = f"unknown columns {some_of(unknown)}" if len(unknown) > 1 else "unknown column"
+        wrong(unknown[0], message, ", ".join(c.stem for c in columns), hint)
     stems = [c.stem for c, _ in chosen.values()]
     for stem in dict.fromkeys(s for s in stems if stems.count(s) > 1):
         wrong(stem, "this column stands here twice", "once")
-    told = {p.column for p in problems}
+    told = {p.column for p in problems} | set(meant)
     for column in columns:
         if (
             column.required
@@ -328,11 +335,13 @@ def _read_header(path: Path, line: int, header: list[str], columns: Sequence[Col
     return chosen
 
 
-def _hint(name: str, columns: Sequence[Column], spellings: Sequence[str]) -> str | None:
-    """The nearest name, or how many joints the robot has."""
-    joint = re.match(r"q\d+(_|$)", name)
-    joints = sum(re.fullmatch(r"q\d+", c.stem) is not None for c in columns)
-    return f"The robot has {joints} joints, q1 to q{joints}." if joint else nearest(name, spellings)
+def _meant(unknown: Sequence[str], columns: Sequence[Column], spellings: Sequence[str]) -> tuple[list[str], str | None]:
+    """The near spellings of unknown names, and the hint: these, or how many joints the robot has."""
+    meant = [near for name in unknown if (near := near_name(name, spellings))]
+    if any(re.match(r"q\d+(_|$)", name) for name in unknown):
+        joints = sum(re.fullmatch(r"q\d+", c.stem) is not None for c in columns)
+        return meant, f"The robot has {joints} joints, q1 to q{joints}."
+    return meant, f"Did you mean {some_of([repr(near) for near in meant])}?" if meant else None
 
 
 def _read_column(table: Table, column: Column, unit: str, cells: list[str], masked: set[int]) -> None:

@@ -31,7 +31,7 @@ from qsframework.experiment.limits import within_limits
 from qsframework.experiment.setup import Experiment
 from qsframework.files import FileRecord, as_file, read_yaml, sha256, validate, write_text
 from qsframework.files.formats import FORMAT, check_format
-from qsframework.plugin import Array, Conditions, Poses
+from qsframework.plugin import Array, Conditions, Indices, Poses
 from qsframework.plugin.facts import came_from, frozen
 from qsframework.units import JointUnits
 from qsframework.viewed import Viewed
@@ -107,6 +107,12 @@ class Plan(Viewed):
     def poses(self) -> Poses:
         """Each planned pose once."""
         return Poses(self.pendant, self.q, self.wrench)
+
+    def take(self, rows: Indices) -> Plan:
+        """Some of the poses."""
+        texts = {name: getattr(self, name) for name in ("pose", "load", "repeats", "station")}
+        each: dict[str, Any] = {name: tuple(own[i] for i in rows) for name, own in texts.items() if own}
+        return replace(self, **each, **{name: getattr(self, name)[rows] for name in ("pendant", "q", "wrench")})
 
     def repeated(self) -> Poses:
         """Each planned pose as often as it is to be measured, in the plan's order."""

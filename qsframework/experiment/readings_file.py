@@ -153,10 +153,10 @@ def _readings(rows: MeasuredRows, experiment: Experiment) -> Readings:
 def _keys(rows: MeasuredRows) -> list[_StateKey]:
     """The state of each row."""
     table = rows.table
-    loads = series = [""] * len(rows.use)
+    loads, series = table.text("load_id"), [""] * len(rows.use)
     loaded = [True] * len(rows.use)
     if rows.of_states:
-        loads, series = table.text("load_id"), table.text("series")
+        series = table.text("series")
         loaded = [state == "loaded" for state in table.text("state")]
     counted = (table.counts("repeat"), table.counts("cycle"))
     return [_StateKey(*key) for key in zip(table.text("pose"), loads, series, *counted, loaded, strict=True)]

@@ -57,7 +57,7 @@ def columns_of(header: Sequence[str], experiment: Experiment, states: bool | Non
     marker = one_of(experiment.marker_names, "the experiment has no such marker")
     state = one_of(STATES, "no such state", "unloaded or loaded")
     size = _near if states else _elastic
-    names = ("load_id", "point") if states else ("reference",)
+    names = ("load_id", "point" if states else "reference")
     times = ("time",) if states else ("time", "time_unloaded")
     temperatures = ("temperature",) if states else ("temperature", "temperature_unloaded")
     return [
@@ -220,7 +220,7 @@ def _name_cells(readings: Readings, of_states: bool) -> Cells:
     states, rows = readings.states, list(map(int, readings.plus))
     frames = [readings.frames[f] if f >= 0 else "" for f in map(int, readings.frame)]
     named = {
-        "load_id": [states.load_id[s] for s in rows] if of_states else [],
+        "load_id": [states.load_id[s] for s in rows],
         "series": [states.series[s] for s in rows] if of_states else frames,  # of gauges too
         "point": [name.partition(":")[2] if name.startswith((POINT, PLANE)) else "" for name in frames],
         "reference": [] if of_states else _named_references(readings),

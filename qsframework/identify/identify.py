@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from qsframework.arguments import checked
 from qsframework.elastostatics import Model
-from qsframework.errors import InputError, NotConverged, NotIdentifiable, Problem, nearest
+from qsframework.errors import InputError, NotConverged, NotIdentifiable, Problem, nearest, some_of
 from qsframework.estimation import (
     PLAIN,
     FitOptions,
@@ -277,16 +277,15 @@ def _none_identifiable(
 ) -> NotIdentifiable | InputError:
     """Why nothing can be estimated at all."""
     poses = seen.rows.readings.poses.take(seen.rows.plus)
-    said = "; ".join(f"{entry.words()}" for entry in left[:6])
-    more = f"; and {len(left) - 6} more" if len(left) > 6 else ""
+    said = some_of([entry.words() for entry in left], 6, "; ")
     if GEOMETRY in (experiment.fit or ()):
         wanted = expand_name(GEOMETRY, seen.model)
         return InputError(
-            f"fit: {GEOMETRY}: these readings identify none of its {len(wanted)} numbers ({said}{more}); measure poses "
+            f"fit: {GEOMETRY}: these readings identify none of its {len(wanted)} numbers ({said}); measure poses "
             f"that move every joint, or leave {GEOMETRY} out"
         )
     advice = what_would_help(seen.model, names[0], poses)
-    return NotIdentifiable(f"these readings identify none of the parameters: {said}{more}. {names[0]}: {advice}")
+    return NotIdentifiable(f"these readings identify none of the parameters: {said}. {names[0]}: {advice}")
 
 
 def _finished(

@@ -97,7 +97,7 @@ def _read_key(
         )
         return
     name, unit = parts
-    chosen[name] = [_quantity(effect, key, unit, fields[name].metadata["unit"], value, problems)]
+    chosen[name] = [_quantity(effect, key, unit, fields[name], value, problems)]
 
 
 def _places(place: str, value: Any, everywhere: Mapping[str, Sequence[str]], problems: list[Problem]) -> Sequence[Any]:
@@ -120,8 +120,10 @@ def _plain(effect: type[Effect], f: dataclasses.Field[Any], value: Any, problems
     return value
 
 
-def _quantity(effect: type[Effect], key: str, unit: str, si: str, value: Any, problems: list[Problem]) -> float:
-    where = f"effect {effect.effect_name()}"
+def _quantity(
+    effect: type[Effect], key: str, unit: str, f: dataclasses.Field[Any], value: Any, problems: list[Problem]
+) -> float:
+    where, si, span = f"effect {effect.effect_name()}", f.metadata["unit"], f.metadata["span"]
     stem = key[: -len(unit) - 1]
     if not units.known(unit) or not units.same_dimension(unit, si):
         problems.append(
@@ -132,7 +134,9 @@ def _quantity(effect: type[Effect], key: str, unit: str, si: str, value: Any, pr
         problems.append(Problem(f"{where}: {key} must be a finite number", found=repr(value)))
         return math.nan
     converted = float(units.to_si(float(value), unit))
-    if (far := plausible.beyond(converted, si)) is not None:
+    own = plausible.PlausibleRange(f"{stem} of an arm", span[1], effect.effect_name(), span[0])
+    if (far := plausible.outside(converted, own) or plausible.beyond(converted, si)) is not None:
         allowed = plausible.allowed(far, si, unit)
-        problems.append(Problem(f"{where}: {key} is no {far.quantity}", found=repr(value), allowed=allowed))
+        hint = "Look at the unit and the digits."
+        problems.append(Problem(f"{where}: {key} is no {far.quantity}", found=repr(value), allowed=allowed, hint=hint))
     return converted

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from functools import cache
 from typing import Any
 
@@ -11,9 +12,12 @@ DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
 _PLURALS = {"joint": "joints", "axis": "axes", "link": "links", "marker": "markers"}
 
 
-def setting(unit: str = "", default: Any = dataclasses.MISSING) -> Any:
-    """A number from the spec. With unit "m" the file says `name_mm` or `name_m`, the field is in m."""
-    return dataclasses.field(default=default, metadata={"unit": unit})
+def setting(unit: str = "", default: Any = dataclasses.MISSING, *, span: tuple[float, float] = (0.0, math.inf)) -> Any:
+    """A number from the spec. With unit "m" the file says `name_mm` or `name_m`, the field is in m.
+
+    span: the smallest and the largest size that it can have, of either sign, beside 0
+    """
+    return dataclasses.field(default=default, metadata={"unit": unit, "span": span})
 
 
 def place(default: Any = dataclasses.MISSING, *, axis: bool = False) -> Any:

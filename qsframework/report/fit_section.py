@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from qsframework.errors import some_of
 from qsframework.experiment import Experiment, Readings
 from qsframework.experiment.observations import values_before
 from qsframework.identify import Estimate, Fit, FitRecord, Masked
@@ -158,7 +159,7 @@ def error_tables(fit: Fit) -> tuple[ReportTable, ...]:
     note += " Masked rows count as held-out." if len(fit.missed) else ""
     note += " The nominal model is in its best-fit frame." if fit.frames else ""
     if fit.carriers:
-        note += f" It leaves out {', '.join(fit.carriers)}: each of these poses alone carries a parameter."
+        note += f" It leaves out {some_of(fit.carriers)}: each of these poses alone carries a parameter."
     return tuple(
         ReportTable(
             ("3D RMS" if len(fit.errors) == 1 else f"{kind}s, 3D RMS", "mm"),

@@ -1,4 +1,4 @@
-"""What deserves a look in a robot's files though they can be read: balancers without values, loops unlike the arm."""
+"""What deserves a look in a robot's files though they can be read: values, limits and loops unlike the arm."""
 
 from __future__ import annotations
 
@@ -6,19 +6,101 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from qsframework.plugin import Array, Loop, ParallelSpring
+from qsframework.errors import InputError
+from qsframework.plugin import Array, Context, Loop, ParallelSpring, Poses, TorqueTerm
+from qsframework.robot.agreement import kernel_statics, spread_poses
 from qsframework.robot.kinematics import Frames, joint_frames
 from qsframework.robot.robot import Robot
 from qsframework.robot.sight import depth
 from qsframework.robot.statics import GravityCheck
+from qsframework.units import SLIDES, TURNS
 
 _BESIDE = 0.45
 """Of a lever's length: how far its pivot may stand outside what is drawn of its link; the shipped arms' do to 0.28."""
 
+_NATURAL, _STRONGER, _WEAKER, _WIDER = (1e-4, 100.0), 10.0, 0.05, 2.5
+"""Shares beyond which values are unlikely: of a parameter's typical size (of the shipped arms 0.03 to 6.4), of the
+torque that there is to balance (to 1.2), of the links' own torque, of the URDF's range (1)."""
+
 
 def robot_findings(robot: Robot) -> tuple[GravityCheck, ...]:
     """All that is found; none of a robot whose files agree with one another."""
-    return (*_balancers(robot), *_loops(robot))
+    return (*_balancers(robot), *_sizes(robot), *_strengths(robot), *_limits(robot), *_loops(robot), *_pendant(robot))
+
+
+def _sizes(robot: Robot) -> Iterator[GravityCheck]:
+    """Compliances, stiffnesses and masses far from what an arm of this size has."""
+    for p in robot.parameters:
+        if p.lower == 0.0 and p.nominal and not _NATURAL[0] <= p.nominal / p.typical <= _NATURAL[1]:
+            low, high = (share * p.typical for share in _NATURAL)
+            text = (
+                f"nominal.yaml has {p.nominal:.3g} {p.unit}; an arm of this size has {low:.1g} to {high:.1g} {p.unit}"
+            )
+            yield GravityCheck(p.name, False, f"{text}: look at the unit and the digits")
+
+
+def _strengths(robot: Robot) -> Iterator[GravityCheck]:
+    """Balancers that exert far more than there is to balance, and actuators that bear far less than the arm weighs."""
+    facts, q = robot.facts, robot.controller.to_joints(spread_poses(robot.controller))
+    weight = np.abs(kernel_statics(robot, q).torque[: facts.n]).max(axis=1)
+    known = {p.name: p.nominal for p in robot.parameters}
+    for spring in (e for e in robot.effects if isinstance(e, ParallelSpring)):
+        if not set(spring.joints(facts)) <= set(facts.joints):
+            continue  # it pulls at a bar of a loop
+        joints = [facts.joint_index(joint) for joint in spring.joints(facts)]
+        x = np.array([known[p.name] for p in spring.parameters(facts)])
+        term = spring.torque(q[:, joints], x, Context(facts, Poses(q, q, np.zeros((len(q), 6))), False))
+        value = np.zeros((len(q), 1)) if term is None else term.value if isinstance(term, TorqueTerm) else term
+        most = float(np.abs(value).max(initial=0.0))
+        needed = float(weight[joints].max(initial=0.0)) + facts.sizes.torque
+        if most > _STRONGER * needed and facts.masses.any():
+            text = f"it exerts up to {most:.3g} N m; the arm with its payload needs about {needed:.3g} N m there"
+            yield GravityCheck(spring.name, False, f"{text}: look at its lengths, pressure, area and stiffness")
+    for k, limit in enumerate(robot.torque_limits if robot.torque_limits is not None else ()):
+        if limit < _WEAKER * weight[k]:
+            unit = (SLIDES if facts.slides(facts.joints[k]) else TURNS).load
+            text = f"its actuator bears {limit:.3g} {unit}, but the links alone load it with {weight[k]:.3g} {unit}"
+            yield GravityCheck(facts.joints[k], False, f"{text}: look at the unit; it is that behind the gear")
+
+
+def _limits(robot: Robot) -> Iterator[GravityCheck]:
+    """Joints that turn or slide much farther by robot.yaml than by the URDF."""
+    control = robot.controller
+    for i, joint in enumerate(robot.facts.driven):
+        k, unit = robot.facts.joint_index(joint), control.units[i]
+        own = robot.model.joints[k + 1]
+        if own.nq != 1:
+            continue  # it turns without an end
+        stated = float(robot.model.upperPositionLimit[own.idx_q] - robot.model.lowerPositionLimit[own.idx_q])
+        span = float(control.upper[i] - control.lower[i])
+        if np.isfinite(stated) and span > _WIDER * stated:
+            text = f"limits span {span * unit.per:.4g} {unit.shown} in robot.yaml, {stated * unit.per:.4g} in the URDF"
+            yield GravityCheck(joint, False, f"{text}: compare both with the manual")
+
+
+def _pendant(robot: Robot) -> Iterator[GravityCheck]:
+    """Parallelograms whose actuator shows an angle that `equals` does not make of the pendant's."""
+    facts = robot.facts
+    for loop in (e for e in robot.effects if isinstance(e, Loop)):
+        joints = loop.joints(facts)
+        if len(joints) < 2 or not set(joints[:2]) <= set(facts.driven):
+            continue
+        q = np.zeros((3, len(joints)))
+        q[1:, 0] = 0.1, 0.2
+        try:
+            shown = loop.actuators(q, facts)[:, 1]
+        except InputError:
+            continue  # its bars turn the actuator in no proportion
+        slopes = np.diff(shown) / 0.1
+        if not np.allclose(np.abs(slopes), 1.0):
+            continue
+        first, second = (facts.driven.index(joint) for joint in joints[:2])
+        found = float(robot.controller.matrix[facts.joint_index(joints[1]), first])
+        if not np.isclose(found, -slopes[0]):
+            write = f"equals: J{second + 1} {'-' if slopes[0] > 0.0 else '+'} J{first + 1}"
+            has = f"adds {found:g} J{first + 1}" if found else "has no equals"
+            text = f"{joints[1]} {has}, so the loop does not close as its actuator turns: write {write}"
+            yield GravityCheck(loop.name, False, f"{text}, where the forearm keeps its attitude as J{first + 1} turns")
 
 
 def _balancers(robot: Robot) -> Iterator[GravityCheck]:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from qsframework.errors import InputError
+from qsframework.errors import InputError, some_of
 from qsframework.robot.checks import check_chain, check_structure
 from qsframework.robot.model import plain_urdf
 from qsframework.robot.packages import Sources
@@ -34,7 +34,6 @@ from qsframework.units import SLIDES, TURNS
 _TWIST_AT_EFFORT = 2.5e-3  # rad: the KUKA KR500 gives 2.1 to 3.6 mrad at its joints' largest torques
 _TWIST_AT_WEIGHT = 1.0e-3  # rad: the KUKA KR240/KR270 under its own weight and a tool
 _SLIDE, _WHY_SLIDE = 5e7, "assumed: 50 kN/mm, a rack and pinion with its gear"
-_TOLD = 6
 _TOOL_SHARE, _TOOL_REACH = 0.15, 0.1  # of the moving mass; of the reach, beyond the flange
 
 
@@ -312,8 +311,7 @@ def _left_out(dropped: list[Joint], lost: float) -> tuple[str, ...]:
     """The joints beside the arm, and what they carry, kg."""
     if not dropped:
         return ()
-    more = f" and {len(dropped) - _TOLD} more" if len(dropped) > _TOLD else ""
-    names = ", ".join(j.name for j in dropped[:_TOLD]) + more
+    names = some_of([j.name for j in dropped], 6)
     weight = f"; what they carry, {lost:.3g} kg with all that is fixed to it, is omitted too" if lost > 0 else ""
     return (f"omitted, as they do not move the flange: {names}{weight}. Bars of a loop are an effect",)
 

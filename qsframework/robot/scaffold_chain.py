@@ -8,7 +8,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from qsframework.errors import InputError, Problem
+from qsframework.errors import InputError, Problem, some_of
 from qsframework.plugin import Array
 from qsframework.robot.checks import chain_joints
 from qsframework.robot.scaffold_joints import followers
@@ -19,7 +19,6 @@ _ASKEW = 0.05
 """Of the cosine of two axes: within 18 degrees of parallel, 3 of square."""
 _FLANGES = ("flange", "tool0", "ee_link", "link_ee", "tool_link", "end_effector", "end_effector_link")
 """Names of a link that carries the tool, or ends of such names; the first that is there."""
-_OFFERED = 8
 _TRUNK = 3
 """Joints before a parting that could be an arm which carries a hand."""
 
@@ -183,8 +182,7 @@ def _offered(urdf: Urdf, base: str, ends: list[Joint]) -> str:
     hands = {path[-1] for path in paths if any(link in parting for link in path)}
     single = [f"{p[-1]} ({len(p)} joint{'s' * (len(p) > 1)})" for p in paths if p[-1] not in hands]
     listed = [*parting.values(), *sorted(single, key=lambda text: -int(text.split("(")[-1].split()[0]))]
-    more = f" and {len(listed) - _OFFERED} more" if len(listed) > _OFFERED else ""
-    return ", ".join(listed[:_OFFERED]) + more
+    return some_of(listed)
 
 
 class Build(StrEnum):

@@ -7,13 +7,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from qsframework.errors import some_of
 from qsframework.robot.mesh import KINDS, BrokenMesh, coarser, mesh_file, obj_text, read_mesh, whole_hull
 from qsframework.robot.packages import Sources
 from qsframework.robot.urdf import Link, MeshVisual, Urdf, Visual
 
 _DRAWN, _SOLID = 3000, 30_000
 """Most triangles of a mesh to draw, and of one for collisions: of a larger one the convex hull."""
-_TOLD = 3
 
 
 @dataclass
@@ -77,5 +77,4 @@ def with_meshes(urdf: Urdf, sources: Sources) -> tuple[Urdf, dict[str, str], tup
 
 def _some(names: list[str]) -> str:
     """The first few of many names."""
-    found = list(dict.fromkeys(names))
-    return ", ".join(found[:_TOLD]) + (f" and {len(found) - _TOLD} more" if len(found) > _TOLD else "")
+    return some_of(list(dict.fromkeys(names)), 3)

@@ -65,12 +65,12 @@ _LIGHTER = (
     (0.1, "perhaps the decimal is shifted"),
     (1e-3, "perhaps N where the file says kN"),
     (1.0 / 4.4482216, "perhaps N where the file says lbf"),
-    (1.0 / 9.80665, "perhaps N where the file says kgf"),
+    (1.0 / 9.80665, "perhaps N where the file says kgf or daN"),
 )
 _SHOWN = 3
 """Parameters that are told with a mistake."""
 _UNITS = (
-    (9.80665, "the load is in kg (or kgf) where the file says N"),
+    (9.80665, "the load is in kg (kgf, or daN) where the file says N"),
     (4.4482216, "the load is in lbf where the file says N"),
     (1e3, "the load is in kN where the file says N, or the displacements in um where it says mm"),
     (1e-3, "the displacements are in m where the file says mm, or the load in N where it says kN"),

@@ -313,6 +313,14 @@ def test_wrong_targets(m900ib: Experiment, tmp_path: Path, header: list[str], ro
     assert "targets.csv" in str(caught.value)
 
 
+def test_two_targets_of_one_name(m900ib: Experiment, tmp_path: Path) -> None:
+    path = tmp_path / "targets.csv"
+    rows = [f"{name},0,{20 + i},0,0,40,0,0,0,-1000" for i, name in enumerate(["hole", "", "hole", ""])]
+    path.write_text("\n".join([",".join(["target", *JOINTS, *FORCES]), *rows]) + "\n")
+    with pytest.raises(InputError, match="line 4, column target: target 'hole' stands here twice; first in line 2"):
+        read_targets(path, m900ib)
+
+
 def test_a_target_at_a_joint_limit(m900ib: Experiment, tmp_path: Path) -> None:
     """Joint 3 at its upper limit: the arm sags, so the correction goes on beyond it; at the lower one it comes back."""
     rows = np.array([[0, 20, 30, 0, 60, 0, 0, 0, -5000], [0, 0, -90, 0, 60, 0, 0, 0, -5000]], dtype=float)

@@ -205,6 +205,16 @@ def test_a_kuka_module(kuka: Experiment, tmp_path: Path) -> None:
     assert made.counts == {"corrected": 3, "kept": 0, "refused": 0}
 
 
+def test_motions_that_are_kept_for_a_shared_point_are_named(m900ib: Experiment, tmp_path: Path) -> None:
+    path = write_ls(tmp_path, m900ib)
+    path.write_text(path.read_text().replace("L P[3]", "L P[1]"))
+    made = read_programme(path, m900ib, options(keep=("line 10",)))
+    assert [m.line for m in made.shared] == [13]
+    assert any(note.startswith("kept too, for they go to a point of one that is kept: line 13") for note in made.notes)
+    with pytest.raises(InputError, match=r"no motion stands in line 9 of the file; allowed: line 10, line"):
+        read_programme(path, m900ib, options(keep=("line 9",)))
+
+
 def test_points_that_are_kept_and_loads_of_their_own(m900ib: Experiment, tmp_path: Path) -> None:
     path = write_ls(tmp_path, m900ib)
     made = read_programme(

@@ -294,6 +294,14 @@ def test_urscript_goes_to_its_points(line: str, tmp_path: Path) -> None:
     assert refused(tmp_path, ".script", SCRIPT.format(line)) == {}
 
 
+@pytest.mark.parametrize(("line", "motions"), [("", []), ("p2[0] = 0.3", [2]), ("p3 = q", [2]), ("p2 = q", [2])])
+def test_urscript_follows_a_copied_point(line: str, motions: list[int], tmp_path: Path) -> None:
+    way = f"p2 = p[0.4,0.1,0.5,0,3.1,0]\n  p3 = p2\n  p4 = p3\n  movel(p4)\n  {line}"
+    assert list(refused(tmp_path, ".script", SCRIPT.format(way))) == motions
+    if not motions:
+        assert read_source(tmp_path / "drill.script").motions[1].points == ("p2",)
+
+
 def test_urscript_lists_and_routines(tmp_path: Path) -> None:
     way = "way = [[0.1,-1.2,1.3,0.1,1.2,0.1], [0.2,-1.2,1.3,0.1,1.2,0.1]]\n  {}movej(way[1])"
     for more, motions in (("way.append(q)\n  ", [2]), ("way[i][2] = 1.0\n  ", [2]), ("", [])):

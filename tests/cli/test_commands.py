@@ -42,6 +42,13 @@ def test_check_tells_the_problems_of_all_files(tmp_path: Path) -> None:
     assert {p.file for p in caught.value.problems} == {str(tmp_path / "a.yaml"), str(tmp_path / "b.yaml")}
 
 
+def test_check_says_what_reads_other_files(root: Path) -> None:
+    for name, words in (("table5.csv", "found plan. qsf simulate"), ("targets.csv", "found targets. qsf compensate")):
+        with pytest.raises(InputError) as caught:
+            run("check", str(root / "examples" / "m900ib" / name))
+        assert words in str(caught.value)
+
+
 def test_check_finds_a_wrong_sign_and_a_wrong_unit(tmp_path: Path) -> None:
     """Before any fit; rows are judged with the sign set right, so that one wrong sign is one line, not a hundred."""
     text = (example("hidden_effect") / "experiment.yaml").read_text()

@@ -19,7 +19,7 @@ from qsframework.design import (
     read_candidates,
 )
 from qsframework.design.candidates import folds
-from qsframework.design.problem import draw_samples, make_problem, sample_rows, tip_rows
+from qsframework.design.problem import counted_once, draw_samples, make_problem, sample_rows, tip_rows
 from qsframework.errors import InputError, NotCertified, NotIdentifiable
 from qsframework.estimation import FitOptions, scales
 from qsframework.experiment import Experiment, Plan, PlanCertificate, example, read_plan, simulate, write_plan
@@ -166,6 +166,23 @@ def test_what_was_taken_counts(m900ib: Experiment) -> None:
     with pytest.raises(NotIdentifiable, match="joint_1"):
         design(weight, 4, "D", 200)
     design(weight, 4, "D", 200, options=DesignOptions(criterion="D", prior=True))  # the stated sds know joint 1
+
+
+def test_a_pose_that_was_read_counts_once(m900ib: Experiment) -> None:
+    """A plan and readings of four of its five poses, one of them under another name: one pose is left of the plan."""
+    first = design(m900ib, 5, "D", 200)
+    named = replace(first.take(np.arange(4)), pose=("p01", "p02", "p03", "own"))
+    readings = simulate(m900ib, replace(named, pendant=named.pendant + np.deg2rad(0.01))).readings
+    (read, rest), again = counted_once([first, readings])
+    assert (read, again) == (readings, ["p01", "p02", "p03", "p04"])
+    assert isinstance(rest, Plan)
+    assert rest.pose == ("p05",)
+    assert counted_once([first, first])[1] == list(first.pose)
+    far = replace(first, pendant=first.pendant + np.deg2rad(5.0))
+    assert counted_once([far, readings])[1] == []
+    plan = design(m900ib, 4, "D", 200, taken=(first, readings))
+    assert proof(plan).value == pytest.approx(proof(design(m900ib, 4, "D", 200, taken=(readings, rest))).value)
+    assert any("count once: p01, p02, p03, p04" in note for note in proof(plan).notes)
 
 
 def test_interest_in_one_parameter(m900ib: Experiment) -> None:

@@ -77,6 +77,12 @@ def test_a_visit_parts_two_explanations_by_what_they_foretell(every: Explanation
     assert every.squares([0, 3])[k, h] >= dense
 
 
+def test_new_visits_are_rounded_as_any_plan(second: FollowUp) -> None:
+    """Those of the first day stand at its angles."""
+    shown = np.rad2deg(second.plan.pendant)
+    assert (np.abs(shown - np.round(shown, 2)).max(axis=1) < 1e-9).sum() >= 4
+
+
 def test_the_visits_tell_more_than_others(every: Explanations, second: FollowUp) -> None:
     """The bound on confusing two explanations is below that of any of 20 random choices of as many visits, and no
     exchange of one of them for another makes it smaller."""

@@ -60,6 +60,7 @@ READINGS: dict[str, tuple[Edit, tuple[str, ...]]] = {
     "no unit on a displacement": (replace("dy_mm", "dy"), ("column dy", "dy_mm, dy_m")),
     "unknown unit": (replace("dx_mm", "dx_parsnips"), ("column dx_parsnips", "'parsnips' is no unit", "dx_mm")),
     "unit of another kind": (replace("dx_mm", "dx_deg"), ("column dx_deg", "is no unit of this kind", "dx_mm")),
+    "a mass for a force": (replace("fx_N", "fx_kg"), ("column fx_kg", "fx_N, fx_kN", "1 kg weighs 9.80665 N")),
     "percent for an angle": (replace("q1_deg", "q1_percent"), ("column q1_percent", "q1_deg")),
     "millimetres called metres": (replace("dx_mm", "dx_m"), ("column dx_m", "line 4", "in mm?", "call it dx_mm")),
     "degrees called radians": (replace("q1_deg", "q1_rad"), ("column q1_rad", "looks like degrees", "q1_deg")),
@@ -74,6 +75,11 @@ READINGS: dict[str, tuple[Edit, tuple[str, ...]]] = {
     "too many columns": (append("44" + ",1" * 14), ("line 47", "found 15")),
     "decimal comma": (cell(1, 1, "-59,99"), ("line 4", "found 15", "allowed: 14")),
     "unknown column": (replace("marker", "reflector"), ("unknown column", "column reflector", "column marker")),
+    "capital columns": (
+        replace("q1_deg,q2_deg", "Q1_DEG,Q2_DEG"),
+        ("column Q1_DEG: unknown columns Q1_DEG, Q2_DEG; allowed: pose, q1", "Did you mean 'q1_deg', 'q2_deg'?"),
+    ),
+    "a column unlike all": (replace("fx_N", "operator"), ("unknown column; allowed", "drive_state, use\n")),
     "misspelt column": (replace("fx_N", "fxx_N"), ("unknown column", "Did you mean 'fx_N'?", "column fx")),
     "missing column": (lambda lines: [",".join(x.split(",")[:-1]) for x in lines[2:]], ("column dz", "is missing")),
     "a column twice": (replace("dy_mm", "dx_mm"), ("column dx", "stands here twice")),
@@ -267,7 +273,7 @@ PLANS: dict[str, tuple[Edit, tuple[str, ...]]] = {
     ),
     "nothing pulls": (lambda lines: [x.replace("-4000", "0") for x in lines], ("every force is zero",)),
     "no end of repeats": (replace("weight,1", "weight,1e12"), ("column repeats", "'1e12'", "up to 100000")),
-    "no force": (replace("fz_N", "f_N"), ("column fz", "is missing")),
+    "no force": (replace("fz_N", "f_N"), ("column f_N", "Did you mean 'fz_N'?")),
 }
 
 

@@ -15,6 +15,8 @@ from qsframework.experiment import (
     holds_states,
     load_experiment,
     read_readings,
+    simulate_rows,
+    write_readings,
 )
 
 
@@ -73,6 +75,15 @@ def test_several_loads_share_one_unloaded_state(ur10: Experiment, tmp_path: Path
     assert found.frames == ("",)
 
 
+def test_a_simulated_table_keeps_which_load_a_row_has(ur10: Experiment, tmp_path: Path) -> None:
+    """Two loads at one pose: what is simulated of their rows is read again."""
+    made = simulate_rows(ur10, read_readings(write(tmp_path, list(ROWS[:3])), ur10)).readings
+    write_readings(tmp_path / "made.csv", made, ur10)
+    again = read_readings(tmp_path / "made.csv", ur10)
+    assert [again.states.load_id[s] for s in again.plus] == ["A", "B"]
+    assert np.allclose(again.value, made.value)
+
+
 def cell(row: int, column: int, value: str) -> Callable[[list[str]], list[str]]:
     def edit(rows: list[str]) -> list[str]:
         parts = rows[row].split(",")
@@ -126,7 +137,7 @@ def test_a_wrong_header_is_named(ur10: Experiment, tmp_path: Path) -> None:
     assert len(read_positions(write(tmp_path, [short[0], short[3]], header), ur10)) == 2
     with pytest.raises(InputError, match=r"does not say its unit"):
         read_positions(write(tmp_path, list(ROWS), HEADER.replace("y_mm", "y")), ur10)
-    with pytest.raises(InputError, match=r"column state"):
+    with pytest.raises(InputError, match=r"column stage.*Did you mean 'state'"):
         read_positions(write(tmp_path, list(ROWS), HEADER.replace("state", "stage")), ur10)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from qsframework.applications.importers.campaign import Campaign
-from qsframework.applications.importers.names import decode, plain, vocabulary
+from qsframework.applications.importers.names import decode, plain, state_word, vocabulary
 
 CAMPAIGN = Campaign(
     poses={f"p{i:02d}": np.zeros(6) for i in range(1, 13)}, loads={}, order=(), names={"p01": {"": "weight"}}
@@ -52,3 +52,20 @@ def test_what_stands_in_a_name_twice() -> None:
 def test_plain_names() -> None:
     assert plain("P-007.a") == plain("p7A") == "p7a"
     assert plain("p10") != plain("p1")
+
+
+@pytest.mark.parametrize(
+    ("name", "proposed"),
+    [
+        ("P07 m2 ohne Last", "ohne Last=unloaded"),
+        ("P07 m2 with load", "with load=loaded"),
+        ("P07_ohne_m2_Last", "ohne=unloaded"),
+        ("P07_m2_test", ""),
+    ],
+)
+def test_words_of_a_load_are_proposed_as_words(name: str, proposed: str) -> None:
+    known = vocabulary(CAMPAIGN, MARKERS, {})
+    assert state_word(name, decode(name, known).unknown) == proposed
+    if proposed:
+        word, state = proposed.split("=")
+        assert decode(name, vocabulary(CAMPAIGN, MARKERS, {word: state})).loaded is (state == "loaded")

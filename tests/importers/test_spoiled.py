@@ -85,6 +85,13 @@ def two_points_for_one_marker(c: Campaign) -> Made:
     return [c.write("points.csv", lines([HEAD, *rows, rows[1]]))]
 
 
+@spoiled("points.csv, line", "most points do not lie", "They fit with the markers m1 and m2 exchanged")
+def two_markers_exchanged_in_a_whole_export(c: Campaign) -> Made:
+    other = {"m1": "m2", "m2": "m1"}
+    rows = [[f"{r.pose}_{other[r.marker]}_{r.state}", *map(str, r.mm)] for r in c.readings]
+    return [c.write("points.csv", lines([HEAD, *rows]))]
+
+
 @spoiled("line 4", "says more than one thing", "pose p01 or p02", "columns say pose and marker")
 def a_name_with_two_poses(c: Campaign) -> Made:
     return [table(c, r2c0="P01_P02_m1_loaded")]

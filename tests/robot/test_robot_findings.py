@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from qsframework.errors import InputError
 from qsframework.robot import load_robot, robot_names
 from qsframework.robot.findings import robot_findings
 
@@ -54,3 +55,51 @@ def test_a_balancer_without_values(root: Path, tmp_path: Path) -> None:
     (found,) = robot_findings(load_robot(tmp_path / "kuka_kr270"))
     assert found.name == "gravity_compensator[joint_2]"
     assert "nominal.yaml lacks gravity_compensator[joint_2].stiffness: {value_N/m: ..}" in found.words
+
+
+JOINT_2, LOOP = "joint_2: {limits_deg: [-64, 90]", "joint_3: {equals: J3 + J2, limits"
+UNLIKELY = {
+    "compliance": ("nominal.yaml", "1.0   ", "2.0e4", "joint_compliance[joint_5]: nominal.yaml has 0.02"),
+    "spring": ("nominal.yaml", "value_N/m: 1.0e5", "value_N/m: 1.0e8", "stiffness: nominal.yaml has 1e+08"),
+    "long spring": ("nominal.yaml", "value_m: 0.70", "value_m: 40", "gravity_compensator[joint_2]: it exerts up to"),
+    "mass": ("nominal.yaml", "value_kg: 200", "value_kg: 40000", "counterweight[joint_3_lever]: nominal.yaml has"),
+    "range": (
+        "robot.yaml",
+        JOINT_2,
+        "joint_2: {limits_deg: [-640, 900]",
+        "joint_2: limits span 1540 deg in robot.yaml",
+    ),
+    "torque": (
+        "robot.yaml",
+        JOINT_2,
+        f"{JOINT_2}, torque_limit_Nm: 5",
+        "joint_2: its actuator bears 5 N m",
+    ),
+    "missing": ("robot.yaml", LOOP, "joint_3: {limits", "write equals: J3 + J2"),
+    "wrong": ("robot.yaml", LOOP, LOOP.replace("+", "-"), "adds -1 J2, so the loop does not close"),
+}
+
+
+@pytest.mark.parametrize("case", UNLIKELY)
+def test_values_unlike_the_arm(case: str, root: Path, tmp_path: Path) -> None:
+    file, old, new, words = UNLIKELY[case]
+    assert any(words in said for said in edited(root, tmp_path, "fanuc_m900ib", file, old, new))
+
+
+def test_a_gas_balancer_far_too_strong(root: Path, tmp_path: Path) -> None:
+    said = edited(root, tmp_path, "kuka_kr600_r2830", "nominal.yaml", "value_bar: 90", "value_bar: 9000")
+    assert any("gas_balancer[joint_2]: it exerts up to" in words for words in said)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("lc_m: 0.80", "lc_m: 80", r"robot.yaml, line 16.*lc_m is no lc of an arm; found 80; allowed: 0, 0.01 to 5 m"),
+        ("pressure_bar: 90", "pressure_bar: 90000", r"pressure_bar is no pressure of an arm; found 90000"),
+        ("volume_l: 8", "volume_l: 0.008", r"volume_l is no volume"),
+        ("length_m: 0.585", "length_m: 15", r"length_m is no length of an arm"),
+    ],
+)
+def test_no_balancer_has_these(old: str, new: str, words: str, root: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=words):
+        edited(root, tmp_path, "kuka_kr600_r2830", "robot.yaml", old, new)

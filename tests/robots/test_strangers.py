@@ -17,7 +17,7 @@ from qsframework.robot import load_robot
 from qsframework.robot.new import Arm, new
 from qsframework.robot.packages import Sources
 from qsframework.robot.reference import reference_flange
-from qsframework.robot.scaffold import Proposal, propose
+from qsframework.robot.scaffold import _TWIST_AT_EFFORT, _TWIST_AT_WEIGHT, Proposal, propose
 
 BODY = (
     '<inertial><origin xyz="0 0 {z}"/><mass value="{m}"/>'
@@ -255,6 +255,12 @@ def test_packages_are_sought_in_the_workspace_and_not_above(tmp_path: Path) -> N
         propose("arm", file)  # above the workspace
     (tmp_path / "maker_resources").rename(tmp_path / "src" / "maker_arm" / "maker_resources")
     propose("arm", file)
+
+
+def test_the_page_says_what_compliances_are_assumed(root: Path) -> None:
+    page = (root / "docs" / "add-a-robot.md").read_text()
+    for twist in (_TWIST_AT_EFFORT, _TWIST_AT_WEIGHT):
+        assert f"{1e3 * twist:g} mrad" in page
 
 
 def test_a_payload_from_the_manual_sizes_the_springs(tmp_path: Path) -> None:

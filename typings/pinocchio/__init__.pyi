@@ -37,6 +37,8 @@ class JointData:
     S: _Array
 
 class JointModel:
+    nq: int
+    idx_q: int
     def createData(self) -> JointData: ...
     def calc(self, data: JointData, q: _Array) -> None: ...
 
@@ -51,6 +53,8 @@ class Model:
     names: Sequence[str]
     gravity: Motion
     joints: Sequence[JointModel]
+    lowerPositionLimit: _Array
+    upperPositionLimit: _Array
     jointPlacements: Sequence[SE3]
     inertias: Sequence[Inertia]
     frames: Sequence[Frame]

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from qsframework.applications.importers.campaign import Campaign, PlanSlot
-from qsframework.applications.importers.names import HALF, Said, Vocabulary, decode, plain, vocabulary
+from qsframework.applications.importers.names import HALF, Said, Vocabulary, decode, plain, state_word, vocabulary
 from qsframework.applications.importers.tables import Listing, quoted_word
 from qsframework.applications.importers.vocabulary import FOUND_BY, PLAIN
 from qsframework.applications.options import ImportOptions
@@ -272,7 +272,8 @@ def _named(
     if loaded is None:
         message = f"nothing says whether {point.name!r} was read loaded or unloaded"
         hint = "Say it of all points, or say which word means it."
-        argument = ("state", "unloaded")
+        word = state_word(point.name, said.unknown)
+        argument = ("word", quoted_word(word)) if word else ("state", "unloaded")
         problems.append(point.problem(message, allowed="unloaded, loaded", hint=hint, argument=argument))
     if len(problems) > before or said.pose is None or marker is None or loaded is None:
         return None

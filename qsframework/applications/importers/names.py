@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from qsframework.applications.importers.campaign import Campaign
-from qsframework.applications.importers.vocabulary import LOADED, UNLOADED, words_of
+from qsframework.applications.importers.vocabulary import LOADED, UNLOADED, WITH, WITHOUT, words_of
 
 _TOKEN = re.compile(r"[^\W\d_]+\d*|\d+")
 _COUNT = re.compile(r"(r|rep|repeat|c|cycle)0*([1-9]\d{0,4})")
@@ -77,6 +77,15 @@ def vocabulary(campaign: Campaign, markers: Sequence[str], words: Mapping[str, s
     longest = max((len(_TOKEN.findall(t)) for t in (*campaign.poses, *markers, *words)), default=1)
     loads_long = max((len(_TOKEN.findall(name)) for _, name in loads), default=1)
     return Vocabulary({k: tuple(v) for k, v in found.items() if k}, max(longest, loads_long, 2))
+
+
+def state_word(name: str, unknown: Sequence[str]) -> str:
+    """FOUND=STATE by the words of a name that speak of a load, such as `ohne Last=unloaded`; "" where none does."""
+    spoken = [word for word in unknown if word.lower() in (*WITH, *WITHOUT)]
+    if not spoken:
+        return ""
+    words = " ".join(spoken) if plain("".join(spoken)) in plain(name) else spoken[0]
+    return f"{words}={'unloaded' if any(word.lower() in WITHOUT for word in spoken) else 'loaded'}"
 
 
 def decode(text: str, known: Vocabulary) -> Said:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 import numpy.typing as npt
@@ -255,6 +256,12 @@ def _convention(points: Sequence[TrackerPoint], pendant: Array, experiment: Expe
 
     if agrees(pendant, seen * [1.0, 1.0, -1.0]):
         return "as mirror images: two axes of the coordinates are exchanged, or the sign of one is reversed"
+    for a, b in combinations(experiment.marker_names, 2):
+        names = [{a: b, b: a}.get(p.taken.marker, p.taken.marker) for p in points]
+        own = [replace(p, slot=replace(p.taken, marker=name)) for p, name in zip(points, names, strict=True)]
+        fit = agreed_frame(expected_places(own, pendant, experiment), seen, within)
+        if fit is not None and float(fit.agrees.mean()) >= _NEARLY_ALL:
+            return f"with the markers {a} and {b} exchanged"
     others = other_angles(experiment.robot.controller, pendant)
     return next((words for words, values in others if agrees(values, seen)), None)
 

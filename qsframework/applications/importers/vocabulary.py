@@ -21,6 +21,9 @@ UNIT_COLUMNS = ("unit", "units", "einheit", "length unit", "unit of length", "uo
 LOADED = ("loaded", "fullload", "belastet")
 UNLOADED = ("unloaded", "noload", "free", "empty", "unbelastet", "leer")
 """Words that can mean nothing else: single letters, and words such as load and last, must be stated."""
+WITH = ("with", "mit", "avec", "con", "load", "last", "weight", "gewicht", "charge", "carga")
+WITHOUT = ("without", "ohne", "sans", "sin", "no")
+"""Words that seem to speak of a load: a `word` that states their meaning is proposed."""
 
 _FILLERS = """coord coordinate coordinates koordinate pos position point punkt value wert actual act measured meas
 measurement ist istwert mess messwert cartesian cart center centre tracker location field

@@ -32,7 +32,8 @@ T = TypeVar("T")
 class Names:
     """The points of a programme by their names, and why the names stand for no point.
 
-    literal: reads a point of numbers; here: names of where the arm stands; fold: how a name is compared
+    literal: reads a point of numbers; here: names of where the arm stands; fold: how a name is compared; copies: names
+    that stand for another's point
     """
 
     literal: Literal
@@ -40,12 +41,18 @@ class Names:
     fold: Callable[[str], str] = str.upper
     points: dict[str, ProgrammePoint] = field(default_factory=dict[str, ProgrammePoint])
     changes: dict[str, str] = field(default_factory=dict[str, str])
+    copies: dict[str, str] = field(default_factory=dict[str, str])
     frames: dict[str, set[tuple[str, str]]] = field(default_factory=dict[str, set[tuple[str, str]]])
 
     def give(self, statement: SourceStatement, name: str, value: Sequence[Token]) -> bool:
-        """Name gets a value: a point of numbers, if this is the first value that it gets. Whether it is a point."""
-        key, read = self.fold(name), self.literal(value)
-        if key in self.points or key in self.changes or read is None:
+        """Name gets a value: a point of numbers or another's, if this is the first value that it gets. Whether it is a
+        point."""
+        key, read, other = self.fold(name), self.literal(value), self.fold(shown(value))
+        given = key in self.points or key in self.changes or key in self.copies
+        if not given and (other in self.points or other in self.copies):
+            self.copies[key] = other
+            return True
+        if given or read is None:
             self.change(statement, name)
             return read is not None
         cells, wrong = read
@@ -105,8 +112,11 @@ class Names:
         else:  # any element
             start = self.fold(shown(tokens[:2]))
             keys = [key for known in (self.points, self.changes) for key in known if key.startswith(start)]
-        whole = self.fold(tokens[0].text)
-        changed = next((self.changes[key] for key in (whole, *keys) if key in self.changes), "")
+        passed = [self.fold(tokens[0].text), *keys]
+        while copied := [key for key in keys if key in self.copies]:
+            keys = [self.copies.get(key, key) for key in keys]
+            passed += [self.copies[key] for key in copied]
+        changed = next((self.changes[key] for key in passed if key in self.changes), "")
         if changed or not keys or not all(key in self.points for key in keys):
             return [], changed or f"{shown(tokens)} has no position of numbers in this programme"
         return keys, ""

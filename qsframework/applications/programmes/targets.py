@@ -23,7 +23,7 @@ from qsframework.applications.programmes.poses import POSES, Orientation, matrix
 from qsframework.applications.programmes.reading import parse_source, read_source
 from qsframework.applications.programmes.source import ProgrammeMotion, ProgrammePoint, Source, replaced, skeleton
 from qsframework.applications.targets import Targets
-from qsframework.errors import InputError, Problem, nearest
+from qsframework.errors import InputError, Problem, nearest, some_of
 from qsframework.experiment import Experiment
 from qsframework.plugin import Array
 from qsframework.plugin.facts import frozen
@@ -89,11 +89,12 @@ class _Case:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ProgrammeTargets:
     """A programme with its points as targets, in the same order; `points` are those that are corrected, `kept` the
-    motions that stay as they are."""
+    motions that stay as they are, `shared` those of them that only go to a point of another."""
 
     case: _Case
     points: tuple[ProgrammePoint, ...]
     kept: tuple[ProgrammeMotion, ...]
+    shared: tuple[ProgrammeMotion, ...]
     targets: Targets
 
     @property
@@ -110,16 +111,17 @@ class ProgrammeTargets:
         """What of the programme is not corrected."""
         out, points = list[str](), {p.name for p in self.points}
         if self.kept:
-            listed = "; ".join(f"line {m.line} {m.statement}" for m in self.kept[:_LISTED])
-            out.append(f"{len(self.kept)} motions are kept as they are: {_more(listed, self.kept)}")
+            out.append(f"{len(self.kept)} motions are kept as they are: {_listed(self.kept)}")
+        if self.shared:
+            out.append(f"kept too, for they go to a point of one that is kept: {_listed(self.shared)}")
         moved = {name for motion in self.source.motions for name in motion.points}
         if unmoved := [p.name for p in self.source.points if p.name not in moved]:
-            out.append(f"no motion of the programme goes to {_more(', '.join(unmoved[:_LISTED]), unmoved)}: kept")
+            out.append(f"no motion of the programme goes to {some_of(unmoved, _LISTED)}: kept")
         if taken := sorted({n for p in self.points if p.cartesian for n in self._from_programme(p)}):
-            listed = _more(", ".join(taken[:_LISTED]), taken)
+            listed = some_of(taken, _LISTED)
             out.append(f"as the programme itself states it, a frame in the URDF's base frame: {listed}")
         if used := _used(self.source, points):
-            lines = _more(", ".join(map(str, used[:_LISTED])), used)
+            lines = some_of([str(line) for line in used], _LISTED)
             out.append(f"lines {lines} use corrected points by their names: what they compute is shifted with them")
         return tuple(out)
 
@@ -130,8 +132,8 @@ class ProgrammeTargets:
         return {name for name, own, one in zip(names, owners, used, strict=True) if own.get(name) is one}
 
 
-def _more(listed: str, what: Sequence[object]) -> str:
-    return listed + (f" and {len(what) - _LISTED} more" if len(what) > _LISTED else "")
+def _listed(motions: Sequence[ProgrammeMotion]) -> str:
+    return some_of([f"line {m.line} {m.statement}" for m in motions], _LISTED, "; ")
 
 
 def _used(source: Source, points: set[str]) -> list[int]:
@@ -157,7 +159,7 @@ def read_programme(
     source = read_source(path)
     _check_robot(path, source, experiment)
     case = _Case(source, experiment, options)
-    kept, refused = _sorted_out(case)
+    kept, shared, refused = _sorted_out(case)
     goes = {name for motion in _others(source.motions, kept) for name in motion.points}
     points = tuple(p for p in source.points if p.name in goes)
     problems = [*refused, *_unknown(source, options, points)]
@@ -180,7 +182,7 @@ def read_programme(
         rows=tuple(p.line for p in points),
         robot=experiment.robot.name,
     )
-    return ProgrammeTargets(case=case, points=points, kept=tuple(kept), targets=targets)
+    return ProgrammeTargets(case=case, points=points, kept=tuple(kept), shared=tuple(shared), targets=targets)
 
 
 def corrected_texts(made: ProgrammeTargets, result: Compensation, experiment: Experiment) -> dict[Path, str]:
@@ -227,14 +229,15 @@ def _check_robot(path: Path, source: Source, experiment: Experiment) -> None:
         raise InputError(Problem(message, str(path), hint=hint))
 
 
-def _sorted_out(case: _Case) -> tuple[list[ProgrammeMotion], list[Problem]]:
-    """The motions that are kept, and the problems of those that are refused, with the count of all before them."""
+def _sorted_out(case: _Case) -> tuple[list[ProgrammeMotion], list[ProgrammeMotion], list[Problem]]:
+    """The motions that are kept, those of them for a point that they share, and the problems of those that are refused,
+    with the count of all before them."""
     source, keep = case.source, set(case.options.keep)
     inherent = {p.name: problem for p in source.points if (problem := _lacking(case, p)) is not None}
     asked = {p.name: list(_outside(case, p)) for p in source.points if p.name not in inherent}
     if REFUSED in keep:
         keep |= {f"line {m.line}" for m in source.motions if m.problem or inherent.keys() & set(m.points)}
-    kept = _kept(source.motions, keep)
+    kept, shared = _kept(source.motions, keep)
     left = _others(source.motions, kept)
     refused = [m for m in left if m.problem or any(n in inherent or asked[n] for n in m.points)]
     problems = [m.problem for m in refused if m.problem]
@@ -242,7 +245,7 @@ def _sorted_out(case: _Case) -> tuple[list[ProgrammeMotion], list[Problem]]:
     for motion, name in ((m, n) for m in refused if not m.problem for n in m.points):
         lines.setdefault(name, []).append(str(motion.line))
     for name, own in lines.items():
-        where = _more(", ".join(own[:_LISTED]), own)
+        where = some_of(own, _LISTED)
         hint = f"Mend it, or keep {name!r} as it is, where the motions of line {where} go."
         lacking = [replace(inherent[name], hint=hint, argument=("keep", f"'{name}'"))] if name in inherent else []
         problems += lacking or asked[name]
@@ -253,7 +256,7 @@ def _sorted_out(case: _Case) -> tuple[list[ProgrammeMotion], list[Problem]]:
         argument = ("keep", REFUSED) if any(m.problem or inherent.keys() & set(m.points) for m in refused) else None
         hint = hint if argument else None
         problems.insert(0, Problem(message, str(next(iter(source.texts))), hint=hint, argument=argument))
-    return kept, problems
+    return kept, shared, problems
 
 
 def _others(motions: Sequence[ProgrammeMotion], kept: Sequence[ProgrammeMotion]) -> list[ProgrammeMotion]:
@@ -261,15 +264,17 @@ def _others(motions: Sequence[ProgrammeMotion], kept: Sequence[ProgrammeMotion])
     return [motion for motion in motions if id(motion) not in held]
 
 
-def _kept(motions: Sequence[ProgrammeMotion], keep: set[str]) -> list[ProgrammeMotion]:
-    """Motions that are named, by their lines or their points, that go where the arm stands, or that share a point."""
-    kept = [m.stands or bool({m.keep, f"line {m.line}", *m.points} & keep) for m in motions]
-    count = -1
+def _kept(motions: Sequence[ProgrammeMotion], keep: set[str]) -> tuple[list[ProgrammeMotion], list[ProgrammeMotion]]:
+    """Motions that are named, by their lines or their points, that go where the arm stands, or that share a point; and
+    the last alone."""
+    asked = [m.stands or bool({m.keep, f"line {m.line}", *m.points} & keep) for m in motions]
+    kept, count = asked, -1
     while count != sum(kept):
         count = sum(kept)
         held = {name for motion, own in zip(motions, kept, strict=True) if own for name in motion.points}
         kept = [own or bool(held & set(motion.points)) for motion, own in zip(motions, kept, strict=True)]
-    return [motion for motion, own in zip(motions, kept, strict=True) if own]
+    own = [(motion, named) for motion, named, held in zip(motions, asked, kept, strict=True) if held]
+    return [motion for motion, _ in own], [motion for motion, named in own if not named]
 
 
 def _unknown(source: Source, options: ProgrammeOptions, points: Sequence[ProgrammePoint]) -> list[Problem]:
@@ -277,8 +282,10 @@ def _unknown(source: Source, options: ProgrammeOptions, points: Sequence[Program
     path, names = str(next(iter(source.texts))), [p.name for p in source.points]
     lines = [name for m in source.motions for name in (f"line {m.line}", m.keep)]
     problems = [
-        Problem(
-            f"the programme has no point {name!r}", path, allowed=", ".join(names[:_LISTED]), hint=nearest(name, names)
+        Problem(f"no motion stands in {name} of the file", path, allowed=some_of(lines[::2], _LISTED))
+        if name.startswith("line ")
+        else Problem(
+            f"the programme has no point {name!r}", path, allowed=some_of(names, _LISTED), hint=nearest(name, names)
         )
         for name in dict.fromkeys([*(n for n in options.loads if n), *options.keep])
         if name not in {*names, *((*lines, REFUSED) if name in options.keep else ())}

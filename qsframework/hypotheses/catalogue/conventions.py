@@ -197,7 +197,7 @@ def _shown(experiment: Experiment, readings: Readings, pendant: Array) -> Readin
 
 _LENGTHS = ((10.0, "cm"), (1e3, "m"), (25.4, "inches"))
 """Factor of a number of millimetres that a file holds in another unit."""
-_WEIGHTS = ((9.80665, "kgf"), (4.4482216, "lbf"), (1e3, "kN"))
+_WEIGHTS = ((9.80665, "kgf (or daN)"), (4.4482216, "lbf"), (1e3, "kN"))
 
 
 def value_units(experiment: Experiment, readings: Readings) -> Iterator[Hypothesis]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from qsframework.errors import some_of
 from qsframework.estimation.projection import Flags
 from qsframework.experiment import Readings
 from qsframework.plugin import Array, Indices
@@ -67,11 +68,8 @@ def file_of(readings: Readings, index: Indices) -> str:
 def lines(readings: Readings, rows: Indices) -> str:
     """Rows with their poses, and their file where there are several: `row 7 (pose 3, gauge.csv)`."""
     file = [f", {source.name}" for source in readings.sources] if len(readings.sources) > 1 else [""]
-    told = [
-        f"{readings.line[i]} (pose {readings.states.pose[readings.plus[i]]}{file[readings.file[i]]})" for i in rows[:5]
-    ]
-    more = f" and {len(rows) - 5} more" if len(rows) > 5 else ""
-    return f"row{'s' if len(rows) > 1 else ''} {', '.join(told)}{more}"
+    told = [f"{readings.line[i]} (pose {readings.states.pose[readings.plus[i]]}{file[readings.file[i]]})" for i in rows]
+    return f"row{'s' if len(rows) > 1 else ''} {some_of(told, 5)}"
 
 
 def unread(readings: Readings) -> list[Finding]:

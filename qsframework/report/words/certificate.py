@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from qsframework.applications.certificate import COVERAGE, Certificate, Conformity
-from qsframework.experiment.account import some_of
+from qsframework.errors import some_of
 
 SOURCES = {
     "parameters": ("noise of the readings that the parameters rest on", "fit, covariance of the parameters"),

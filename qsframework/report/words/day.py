@@ -8,6 +8,7 @@ from qsframework.applications.day.judge import Check
 from qsframework.applications.day.mistakes import Explanation
 from qsframework.applications.day.record import Slot
 from qsframework.applications.day.so_far import SoFar
+from qsframework.errors import some_of
 from qsframework.plugin import Array
 from qsframework.report.words.lists import listed
 from qsframework.units import JointUnits
@@ -28,10 +29,9 @@ NOTHING_NEW = "taken in before, nothing in it is new."
 
 def spoilt_words(day: Day) -> str:
     """Which lines of the journal are none, and what became of the others."""
-    lines = ", ".join(map(str, day.record.spoilt[:20]))
-    more = f" and {len(day.record.spoilt) - 20} more" if len(day.record.spoilt) > 20 else ""
+    lines = some_of([str(line) for line in day.record.spoilt], 20)
     kept = "All other records are kept; read again what is missing. readings_before.csv is the table as it was."
-    return lines and f"day.jsonl: spoilt and not used: line {lines}{more}. {kept}"
+    return lines and f"day.jsonl: spoilt and not used: line {lines}. {kept}"
 
 
 def slot_words(day: Day, slot: Slot) -> str:

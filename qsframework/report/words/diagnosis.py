@@ -12,6 +12,7 @@ from qsframework.arguments import checked
 from qsframework.diagnose.result import Alike, Diagnosis, Errors, LearnedLaw, Leftover, Line, NamedCause, Status
 from qsframework.diagnose.second_day import FollowUp
 from qsframework.diagnose.verdict import misfits
+from qsframework.errors import some_of
 from qsframework.hypotheses.search.cross_validation import FOLDS
 from qsframework.plugin import Parameter
 from qsframework.report.words.fit import alignment_words
@@ -177,9 +178,7 @@ def excluded_words(found: Diagnosis) -> str:
     """`no joint_backlash[joint_3] above 0.3 arcmin; ... and 80 more`: the bounds of the causes seen best."""
     alone = {x.name for x in found.plain_alone}
     kept = (x for x in found.table if x.status is Status.EXCLUDED and x.limits and x.name not in alone)
-    excluded = [(x.name, limit_words(x, stiffness=False)) for x in kept]
-    some = "; ".join(f"no {name} above {limit}" for name, limit in excluded[:_SHOWN])
-    return f"{some} and {len(excluded) - _SHOWN} more" if len(excluded) > _SHOWN else some
+    return some_of([f"no {x.name} above {limit_words(x, stiffness=False)}" for x in kept], _SHOWN, "; ")
 
 
 def status_words(x: Line, found: Diagnosis) -> str:
@@ -191,16 +190,14 @@ def status_words(x: Line, found: Diagnosis) -> str:
 
 def tied_words(f: NamedCause) -> str:
     """That the readings leave alternatives."""
-    shown = [f"{r.name} (angle {np.rad2deg(r.angle):.0f} deg)" for r in f.alternatives[:_SHOWN]]
-    more = f" and {len(f.alternatives) - _SHOWN} more" if len(f.alternatives) > _SHOWN else ""
+    shown = some_of([f"{r.name} (angle {np.rad2deg(r.angle):.0f} deg)" for r in f.alternatives], _SHOWN)
     same = ": to these readings they are the same" if min(r.angle for r in f.alternatives) < _ALIKE else ""
-    return f"These readings cannot separate {f.name} from {', '.join(shown)}{more}{same}."
+    return f"These readings cannot separate {f.name} from {shown}{same}."
 
 
 def _hanging(f: NamedCause) -> str:
-    sets = ["+".join(s) for s in f.hangs_on[:_SHOWN]]
-    more = f" and {len(f.hangs_on) - _SHOWN} more" if len(f.hangs_on) > _SHOWN else ""
-    return f"{f.name} rests on poses {', '.join(sets)}{more}: without them another answer, or none, fits as well."
+    sets = some_of(["+".join(s) for s in f.hangs_on], _SHOWN)
+    return f"{f.name} rests on poses {sets}: without them another answer, or none, fits as well."
 
 
 def leftover_words(x: Leftover) -> str:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from qsframework.errors import some_of
 from qsframework.experiment.readings import Alignment
 from qsframework.identify import EstimateState, Fit
 from qsframework.identify.record import SIGNIFICANT
@@ -164,5 +165,4 @@ def _all(total: int) -> str:
 
 def listed_names(names: Sequence[str]) -> str:
     """The first names, and how many more."""
-    shown = ", ".join(names[:_NAMED])
-    return shown if len(names) <= _NAMED else f"{shown} and {len(names) - _NAMED} more"
+    return some_of(names, _NAMED)

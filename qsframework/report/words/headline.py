@@ -8,6 +8,7 @@ import numpy as np
 
 from qsframework.diagnose.result import Diagnosis, NamedCause
 from qsframework.diagnose.verdict import MANY, misfits
+from qsframework.errors import some_of
 from qsframework.report.blocks import Mark, Verdict
 from qsframework.report.words.law import moving_words
 from qsframework.report.words.lists import listed
@@ -134,9 +135,7 @@ def lower_first(text: str) -> str:
 def names_words(findings: Sequence[NamedCause]) -> str:
     """`a, b and c`, or the first few and how many more."""
     names = [f.name for f in findings]
-    if len(names) > _NAMED:
-        return f"{', '.join(names[:_NAMED])} and {len(names) - _NAMED} more"
-    return listed(names)
+    return some_of(names, _NAMED) if len(names) > _NAMED else listed(names)
 
 
 def worst_poses(found: Diagnosis, count: int) -> tuple[str, ...]:

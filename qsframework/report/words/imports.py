@@ -12,6 +12,7 @@ from qsframework.applications.importers.layout import Sheet
 from qsframework.applications.importers.matching import TrackerPoint, label
 from qsframework.applications.importers.placing import Aligned
 from qsframework.applications.importers.tables import Listing, Taken
+from qsframework.errors import some_of
 from qsframework.report.blocks import ReportTable
 
 _BY = {
@@ -110,8 +111,7 @@ def import_words(found: Imported) -> tuple[str, ...]:
 
 
 def _few(names: Sequence[str]) -> str:
-    more = f" and {len(names) - _FEW} more" if len(names) > _FEW else ""
-    return "; ".join(names[:_FEW]) + more
+    return some_of(names, _FEW, "; ")
 
 
 def _sheet_words(sheet: Sheet) -> str:

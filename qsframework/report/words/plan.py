@@ -10,6 +10,9 @@ from qsframework.experiment.plan import PlanCertificate
 from qsframework.plugin import Array
 from qsframework.report.blocks import Mark, Verdict
 
+_SPREAD = float(np.deg2rad(5.0))
+"""rad, m: poses of which no joint spreads more stand in one place."""
+
 
 def certificate_text(plan: Plan) -> str:
     """The proof of a plan in words."""
@@ -89,15 +92,18 @@ def plan_verdict(experiment: Experiment, plan: Plan, sds: Array, enough: bool = 
         lost = [name for name in lost if name in c.parameters]
     shares = [sd / abs(p.nominal) for p, sd in zip(parameters, sds, strict=True) if p.nominal and np.isfinite(sd)]
     faint = sum(1 for share in shares if share > 1.0)
+    near = float(np.ptp(plan.pendant, axis=0).max(initial=0.0))
     mark, word, outcome = Mark.GOOD, "Plan ready", f"identify all {len(sds)} parameters"
     if held:
         outcome = f"identify {len(sds) - held} parameters, {held} are held at nominal"
     if lost:
         mark, word = Mark.BAD, "Plan does not identify all parameters"
         outcome = f"identify {len(sds) - len(lost)} of {len(sds)} parameters, not {', '.join(lost[:3])}"
-    elif faint:
+    elif faint or near < _SPREAD:
         mark, word = Mark.LOOK, "Plan is weak"
-        outcome += f", {faint} of them to no better than their own size"
+        outcome += f", {faint} of them to no better than their own size" if faint else ""
+        alone = ", all at one place: no joint moves by 5 deg, and nothing says whether a fit holds elsewhere"
+        outcome += alone if near < _SPREAD else ""
     if not enough:
         mark, word = Mark.BAD, "Accuracy not reached"
     said = [f"{len(plan.pose)} poses {outcome}"]
