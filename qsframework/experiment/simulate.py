@@ -200,8 +200,9 @@ def simulate_rows(
     seed: Seed = 0,
     linear: Linear = False,
 ) -> Simulation:
-    """Measure the rows of readings in simulation, of whatever kind: each with its sigma, in the frames that suit the
-    readings; of a touched point what the marker is off the point. x, truth, seed and linear as for `simulate`."""
+    """Measure the rows of readings in simulation, of whatever kind: each with its sigma, rows that share an unloaded
+    reading with its error, in the frames that suit the readings; of a touched point what the marker is off the point.
+    x, truth, seed and linear as for `simulate`."""
     if not readings.stated:
         raise InputError(f"{experiment.path}: a simulation needs the noise, for example noise: {{sigma_mm: 0.03}}")
     model, rng = experiment.model(), np.random.default_rng(seed)
@@ -209,7 +210,8 @@ def simulate_rows(
     rows = make_rows(readings)
     predicted = rows.predict(model, x, rows.start(model, model.nominal), linear)
     value = np.array(readings.value)
-    value[rows.keep] = predicted + rows.sigma * rng.standard_normal(predicted.shape)
+    noise = rows.noise.colour(rows.flat(rng.standard_normal(predicted.shape)))
+    value[rows.keep] = predicted + rows.spread(noise)
     made = replace(readings.with_values(value), made=Made("linear" if linear else "equilibrium", seed))
     return Simulation(made, model, frozen(x))
 

@@ -84,6 +84,15 @@ def test_a_simulated_table_keeps_which_load_a_row_has(ur10: Experiment, tmp_path
     assert np.allclose(again.value, made.value)
 
 
+def test_simulated_rows_share_the_error_of_their_unloaded_reading(ur10: Experiment, tmp_path: Path) -> None:
+    """Two loads less one unloaded reading: of equal errors half of the variance is shared."""
+    table = read_readings(write(tmp_path, list(ROWS[:3])), ur10)
+    drawn = np.stack([simulate_rows(ur10, table, seed=seed).readings.value for seed in range(400)])
+    errors = (drawn - drawn.mean(axis=0)) / table.sigma
+    assert np.allclose(np.mean(errors**2, axis=0), 1.0, atol=0.3)
+    assert np.mean(errors[:, 0] * errors[:, 1]) == pytest.approx(0.5, abs=0.1)
+
+
 def cell(row: int, column: int, value: str) -> Callable[[list[str]], list[str]]:
     def edit(rows: list[str]) -> list[str]:
         parts = rows[row].split(",")
