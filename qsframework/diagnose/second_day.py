@@ -86,7 +86,7 @@ def follow_up(
     pool, explanations = opened(diagnosis, candidates, seed, tell)
     again = np.arange(len(pool.pose))[-len(_states(diagnosis)) :]
     chosen = chosen_visits(explanations, count, again, tell)
-    plan = _plan_of(diagnosis.experiment, pool, chosen, seed)
+    plan = _plan_of(diagnosis, pool, chosen, seed)
     place, variable = explanations.chances(chosen, seed)
     first, at_first = explanations.chances((), seed)
     return FollowUp(
@@ -250,13 +250,14 @@ def _judged(diagnosis: Diagnosis, plan: Plan, mounts: Sequence[Mount], seed: int
     return tuple(sorted(out, key=lambda m: -m.chance))
 
 
-def _plan_of(experiment: Experiment, pool: Plan, chosen: Sequence[int], seed: int) -> Plan:
+def _plan_of(diagnosis: Diagnosis, pool: Plan, chosen: Sequence[int], seed: int) -> Plan:
     """The visits as a plan, new ones rounded as any plan; those that repeat the first day come last."""
     at = np.array(sorted(chosen))
+    experiment = diagnosis.experiment
     names = [f"f{i + 1:02d}" for i in range(len(at))]
     load, units = [pool.load[int(i)] for i in at], experiment.robot.controller.units
     pendant = pool.pendant[at]
-    new = np.char.startswith(np.array(pool.pose)[at], "new")
+    new = at < len(pool.pose) - len(_states(diagnosis))
     pendant[new] = rounded(experiment, pendant[new])
     poses = Poses(pendant, experiment.robot.controller.to_joints(pendant), pool.wrench[at])
     return make_plan(poses, load, None, "follow-up", None, seed, names, units, robot=experiment.robot.name)
