@@ -232,7 +232,7 @@ def _diagnosed(case: Case, truth: Truth) -> Result:
     out: Result = {
         "outcome": "done",
         "seconds": round(seconds, 3),
-        "search_s": round(clock.get("closing gate", np.nan) - clock.get("search", np.nan), 3),
+        "search_s": round(clock.get("test for remaining signal", np.nan) - clock.get("search", np.nan), 3),
         "verdict": told["verdict"],
         "causes": [{"id": c["id"], "alternatives": c["alternatives"], "p": c["p_value"]} for c in told["causes"]],
         "conventions": told.get("conventions", []),

@@ -28,7 +28,7 @@ _PLAIN: dict[str, tuple[type, ...]] = {
     "str": (str,),
     "Path": (os.PathLike, str),
 }
-_ARRAYS, _CALLED, _ANY = ("Array", "ArrayLike"), ("Tell", "Progress"), ("Any", "object")
+_ARRAYS, _CALLED, _ANY = ("Array", "ArrayLike"), ("Tell", "Progress", "Callable"), ("Any", "object")
 _WORDS = {
     "Array": "an array of numbers",
     "ArrayLike": "an array of numbers",
@@ -148,6 +148,8 @@ def _as_many(value: Any, name: str, inner: str) -> Any:
     """A collection as it is where all its items are of the inner kind, converted; one item as a tuple of one."""
     if name in ("Mapping", "dict"):
         return value if _is(value, Mapping) else _NOT
+    if name in _CALLED:
+        return value if callable(value) else _NOT
     kind, *more = _parts(inner, ", ")
     if more and more != ["..."]:
         return value if _is(value, Collection) and len(value) == 1 + len(more) else _NOT

@@ -70,11 +70,11 @@ def check_files(files: Sequence[Path], json: Path | None, report: Path | None = 
         raise InputError(Problem("readings are checked with one experiment", hint="qsf check EXPERIMENT READINGS..."))
     with steps("check", *map(str, files)) as begins:
 
-        def one(file: Path) -> Checked:
+        def begun(file: Path) -> Checked:
             begins(str(file))
             return _check(file, data)
 
-        checked = all_of(partial(one, file) for file in files if file not in data)
+        checked = all_of(partial(begun, file) for file in files if file not in data)
     for one in checked:
         print_folded(f"{one.file}: {one.said()}")
     if len(checked) == 1 and checked[0].experiment is not None:

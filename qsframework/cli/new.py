@@ -55,11 +55,9 @@ def _print_chain(chain: Sequence[ChainJoint]) -> None:
 def run_new(name: str, urdf: Path | None, dh: Path | None, folder: Path | None, arm: Arm) -> None:
     """Write the folder of a new robot from a URDF or a table, try it, and print what is still to be looked up."""
     from qsframework.applications.first_campaign import first_campaign
-    from qsframework.files import write_text
-    from qsframework.robot import load_robot
     from qsframework.robot.new import new
 
-    made = new(name, urdf, dh, folder, arm)
+    made = new(name, urdf, dh, folder, arm, lambda robot: first_campaign(robot, "."))
     print(f"{made.folder}: {', '.join(made.files)}")
     _print_chain(made.chain)
     failed = _print_checks(made.checks)
@@ -68,7 +66,7 @@ def run_new(name: str, urdf: Path | None, dh: Path | None, folder: Path | None, 
         print_line("", note)
     if failed:
         raise InputError([Problem(words, file=str(made.folder)) for words in failed])
-    experiment = write_text(made.folder / "experiment.yaml", first_campaign(load_robot(made.folder), "."))
+    experiment = made.folder / "experiment.yaml"
     print(f"a first campaign, to be made yours: {experiment}")
     print(f"next: qsf design {experiment} -n 12")
     print_folded(f"qsf show {made.folder} draws it; qsf check {made.folder} --conformance tries it throughout.")

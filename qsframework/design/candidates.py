@@ -28,6 +28,8 @@ from qsframework.work import HERE, Work, run
 _BLOCK = 4096
 _LEAST_TRIED = 200
 _MOST_GRID = 20_000_000
+_CONTACT = {"collision", "obstacles"}
+"""Constraints that take longest to tell: they are asked of the poses that keep all others."""
 Progress = Callable[[int, int], None]
 __all__ = [
     "Candidates",
@@ -46,7 +48,8 @@ __all__ = [
 class Candidates:
     """N allowed poses, and how many of the tried points each constraint removed after those before it.
 
-    alone: how many each constraint would have removed by itself; only: those that break nothing else
+    alone: how many each constraint would have removed by itself; only: those that break nothing else. Contact is asked
+    last, of the poses that keep all else
     """
 
     pendant: Array
@@ -65,8 +68,11 @@ class Candidates:
 
     def words(self) -> str:
         """The summary, and which constraint excludes how many poses."""
+        others = "all others but contact" if _CONTACT & self.removed.keys() else "all others"
         parts = [
-            f"{name} excludes {self.alone[name]}, {self.only[name]} of which keep all others"
+            f"{name}, asked last, excludes {self.alone[name]}"
+            if name in _CONTACT
+            else f"{name} excludes {self.alone[name]}, {self.only[name]} of which keep {others}"
             for name in self.removed
             if self.alone[name]
         ]
@@ -163,11 +169,20 @@ def folds(experiment: Experiment) -> bool:
     return bool(experiment.loads)
 
 
-def _checked(shared: tuple[Experiment, bool], points: Array) -> tuple[Array, dict[str, tuple[int, int, int]]]:
-    """The poses of a block that are allowed, and how many each constraint removed."""
-    experiment, folded = shared
+def _checked(
+    shared: tuple[Experiment, Experiment, bool], points: Array
+) -> tuple[Array, dict[str, tuple[int, int, int]]]:
+    """The poses of a block that are allowed, and how many each constraint removed; contact is asked of those that
+    keep all else. shared: the experiment without what may touch, and with it; whether to fold"""
+    bare, experiment, folded = shared
     pendant = canonical(experiment, points) if folded else points
-    allowed = check_poses(experiment, experiment.model(), pendant)
+    allowed = check_poses(bare, bare.model(), pendant)
+    rest = np.logical_and.reduce(list(allowed.values()))
+    asked = np.flatnonzero(rest) if rest.any() else np.zeros(1, dtype=np.intp)
+    found = check_poses(experiment, experiment.model(), pendant[asked])
+    for name in (name for name in found if name not in allowed):
+        allowed[name] = np.ones(len(pendant), dtype=bool)
+        allowed[name][asked] = found[name] | ~rest[asked]
     removed = {name: (r.in_order, r.alone, r.only) for name, r in count_removed(allowed).items()}
     return pendant[np.logical_and.reduce(list(allowed.values()))], removed
 
@@ -190,7 +205,8 @@ def _collect(
             sizes.append(len(points))
             yield points
 
-    with closing(run(_checked, (experiment, folded), told(), work)) as results:
+    bare = experiment.with_(constraints=replace(experiment.constraints, collision=False, obstacles=()))
+    with closing(run(_checked, (bare, experiment, folded), told(), work)) as results:
         for i, (good, removed) in enumerate(results):
             for name, r in removed.items():
                 b = total.get(name, Removal(0, 0, 0))

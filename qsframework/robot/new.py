@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from qsframework.arguments import checked
 from qsframework.errors import InputError, Problem
-from qsframework.files import write_folder
+from qsframework.files import write_folder, write_text
 from qsframework.plausible import RANGES
 from qsframework.robot.denavit_file import read_denavit
 from qsframework.robot.loader import load_robot
 from qsframework.robot.options import Arm
 from qsframework.robot.packages import Sources
+from qsframework.robot.robot import Robot
 from qsframework.robot.scaffold import propose
 from qsframework.robot.scaffold_joints import ChainJoint
 from qsframework.robot.statics import GravityCheck, check_statics
@@ -40,6 +42,7 @@ def new(
     dh: str | Path | None = None,
     folder: str | Path | None = None,
     arm: Arm | None = None,
+    campaign: Callable[[Robot], str] | None = None,
 ) -> NewRobot:
     """Write the folder of a new robot, from a URDF or xacro or from a table, and test it.
 
@@ -49,6 +52,7 @@ def new(
         dh: instead of it a Denavit-Hartenberg table.
         folder: to make, the name if None; an empty one may be there.
         arm: base, flange, payload and the like.
+        campaign: makes the text of the folder's experiment.yaml, of a robot whose kinematics and gravity are right.
 
     Returns:
         The robot, and what is missing in its data.
@@ -88,12 +92,19 @@ def new(
     description = file if dh is None else read_denavit(file, arm.modified)
     flange = arm.flange or (None if dh is None else "flange")
     proposal = propose(name, description, arm.base, flange, sources, arm.payload)
-    write_folder(folder, proposal.files)
-    checks = tuple(check_statics(load_robot(folder)))
+    checks: list[GravityCheck] = []
+
+    def tried(made: Path) -> None:
+        robot = load_robot(made)
+        checks.extend(check_statics(robot))
+        if campaign is not None and all(check.good for check in checks):
+            write_text(made / "experiment.yaml", campaign(robot))
+
+    write_folder(folder, proposal.files, tried)
     return NewRobot(
         folder=folder,
         files=tuple(proposal.files),
         chain=proposal.chain,
         checklist=proposal.checklist,
-        checks=checks,
+        checks=tuple(checks),
     )

@@ -182,7 +182,7 @@ def test_the_shipped_second_day_settles_place_and_variable() -> None:
     second = read_readings([folder / "second_day.csv"], experiment)
     wanted = np.round(np.rad2deg(np.unique(asked.plan.poses.pendant, axis=0)), 3)
     measured = np.round(np.rad2deg(np.unique(second.poses.pendant, axis=0)), 3)
-    assert wanted == pytest.approx(measured, abs=2e-3), "these visits were measured"
+    assert wanted == pytest.approx(measured, abs=6e-3), "these visits were measured, to hundredths of a degree"
     both = diagnose(experiment, read_readings([folder / "first_day.csv", folder / "second_day.csv"], experiment))
     assert (both.places[0].law.part, both.places[0].law.place, both.places[0].law.by) == ("drive", "j5", ("j4",))
     assert both.places[0].share > 0.9
