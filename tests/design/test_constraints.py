@@ -11,6 +11,7 @@ import pinocchio as pin
 import pytest
 
 from qsframework.design import check_poses, generate_candidates
+from qsframework.design.candidates import filter_candidates
 from qsframework.design.constraints import Removal, collider_of, count_removed, joint_range, singularity_margin
 from qsframework.elastostatics import actuator_torques
 from qsframework.errors import InputError
@@ -152,6 +153,20 @@ def test_counts_in_order_alone_and_only() -> None:
     }
     assert count_removed(allowed) == {"a": Removal(2, 2, 1), "b": Removal(2, 3, 2), "c": Removal(1, 2, 1)}
     assert count_removed({}) == {}
+
+
+def test_contact_is_asked_last_of_all_that_keep_the_rest(m900ib: Experiment) -> None:
+    """What is kept is what a check of everything keeps; contact is counted among poses that keep all else."""
+    tight = m900ib.with_(constraints=Constraints(z_min=0.8, collision=True))
+    pendant = sample(m900ib, 2000, seed=5)
+    allowed = check_poses(tight, tight.model(), pendant)
+    clear = allowed.pop("collision")
+    rest = np.logical_and.reduce(list(allowed.values()))
+    found = filter_candidates(tight, pendant)
+    assert np.array_equal(found.pendant, pendant[rest & clear])
+    assert found.alone["collision"] == int((rest & ~clear).sum()) > 0
+    assert f"collision, asked last, excludes {found.alone['collision']}" in found.words()
+    assert "of which keep all others but contact" in found.words()
 
 
 def test_every_constraint_is_counted_and_kept(m900ib: Experiment) -> None:
