@@ -1,4 +1,4 @@
-"""Kill -9 at 100 random moments, over all commands that write: the record in docs/results.md.
+"""Kill -9 at 200 random moments, over all commands that write: the record in docs/results.md.
 
     python benchmarks/kills.py                # go on where the last run stopped, then write the record
     python benchmarks/kills.py --renew        # try again what another commit was tried with
@@ -35,7 +35,7 @@ from fuzz import PAGE, head, processor  # noqa: E402
 STATE = ROOT / "build" / "kills.jsonl"
 START, STOP = "<!-- record of benchmarks/kills.py -->", "<!-- end of the record of kills -->"
 START_DAYS, STOP_DAYS = "<!-- record of benchmarks/kills.py --days -->", "<!-- end of the record of days -->"
-KILLS = 5
+KILLS = 10
 """Moments for each command."""
 
 

@@ -274,8 +274,8 @@ def _pair(standing: Standing, pairs: Sequence[tuple[Edit, Edit]], one: Group) ->
         return []
     chosen = [pairs[int(i)] for i in good]
     second = _in_parts(standing, [b for _, b in chosen])
-    start = [[replace(e, kind="", **_own(standing, e)) for e in pair] for pair in chosen]
-    before = np.array([misfits(standing, pair).sum() for pair in start])
+    start = [replace(e, kind="", **_own(standing, e)) for pair in chosen for e in pair]
+    before = _in_parts(standing, start).reshape(-1, 2).sum(axis=1)
     after = first[good] + second
     best = int(np.argmin(after - before))
     gain = float(before[best] - after[best])
