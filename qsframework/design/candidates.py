@@ -13,6 +13,7 @@ import numpy as np
 from qsframework.design.constraints import (
     Removal,
     broken_constraints,
+    check_contact,
     check_poses,
     count_removed,
     joint_range,
@@ -179,10 +180,9 @@ def _checked(
     allowed = check_poses(bare, bare.model(), pendant)
     rest = np.logical_and.reduce(list(allowed.values()))
     asked = np.flatnonzero(rest) if rest.any() else np.zeros(1, dtype=np.intp)
-    found = check_poses(experiment, experiment.model(), pendant[asked])
-    for name in (name for name in found if name not in allowed):
+    for name, clear in check_contact(experiment, pendant[asked]).items():
         allowed[name] = np.ones(len(pendant), dtype=bool)
-        allowed[name][asked] = found[name] | ~rest[asked]
+        allowed[name][asked] = clear | ~rest[asked]
     removed = {name: (r.in_order, r.alone, r.only) for name, r in count_removed(allowed).items()}
     return pendant[np.logical_and.reduce(list(allowed.values()))], removed
 

@@ -85,6 +85,11 @@ def check_poses(experiment: Experiment, model: Model, pendant: Array) -> dict[st
     return allowed | _check_torques(experiment, model, poses)
 
 
+def check_contact(experiment: Experiment, pendant: Array) -> dict[str, Flags]:
+    """Of the constraints of `check_poses` those on contact alone."""
+    return _check_places(experiment, experiment.robot.controller.to_joints(pendant), _check_contact)
+
+
 def check_way(experiment: Experiment, model: Model, pendant: Array) -> dict[str, Flags]:
     """For each constraint that holds between the poses of a plan too, which poses (N,) keep it.
 
@@ -240,9 +245,15 @@ def _check_clear(experiment: Experiment, placed: Frames) -> dict[str, Flags]:
         allowed["axis1_distance_min"] = axis1_distance(experiment.robot, placed, point) >= limits.axis1_distance_min
     if limits.floor is not None:
         allowed["floor"] = above_floor((*experiment.robot.shapes, *_tool(experiment)), placed, limits.floor)
+    return allowed | _check_contact(experiment, placed)
+
+
+def _check_contact(experiment: Experiment, placed: Frames) -> dict[str, Flags]:
+    """The constraints on what touches what, which take longest to tell."""
+    allowed: dict[str, Flags] = {}
     if len((own := collider_of(experiment)).pairs):
         allowed["collision"] = ~own.collides(placed)
-    if limits.obstacles:
+    if experiment.constraints.obstacles:
         allowed["obstacles"] = ~_around(experiment).collides(placed)
     return allowed
 

@@ -86,14 +86,13 @@ def _block(block: Block, name: str) -> dict[str, Any]:
     if isinstance(block, ReportTable):
         return {"kind": "table", "table": _table(block)}
     if isinstance(block, SceneView):
-        numbers = block.table
+        numbers, note = block.table, ""
         inside = {"kind": "view", "page": _packed(block.page), "poses": block.poses, "wide": False}
     else:
         numbers = figure_table(block.figure) if block.table is None else block.table
         figure, note = _thinned(block.figure)
         inside = {"kind": "figure", "name": name, "wide": block.wide, **_drawn(figure)}
-        return {**inside, "rows": len(numbers.rows), "caption": block.caption + note, "table": _table(numbers)}
-    return {**inside, "rows": len(numbers.rows), "caption": block.caption, "table": _table(numbers)}
+    return {**inside, "rows": len(numbers.rows), "caption": block.caption + note, "table": _table(numbers)}
 
 
 def _thinned(figure: Plot) -> tuple[Plot, str]:
