@@ -11,7 +11,14 @@ from qsframework.arguments import checked
 from qsframework.diagnose.baseline import Baseline, audit_of, start_of
 from qsframework.diagnose.evidence_table import findings_of, table_of
 from qsframework.diagnose.learned_law import best_law, tested
-from qsframework.diagnose.named_causes import FoundCauses, SearchOptions, beside_structures, find_named, held_out_gain
+from qsframework.diagnose.named_causes import (
+    FoundCauses,
+    SearchOptions,
+    beside_slips,
+    beside_structures,
+    find_named,
+    held_out_gain,
+)
 from qsframework.diagnose.options import LEVEL, Level
 from qsframework.diagnose.remaining import Remaining, races_of, with_alternatives
 from qsframework.diagnose.residuals.audited_rows import lone_visits, misfit
@@ -73,8 +80,10 @@ def diagnose(
     options = SearchOptions(level=level, largest=most, seed=seed, repeats=repeats)
     tell("baseline")
     start = start_of(last.experiment, last.readings) if last else start_of(experiment, readings)
-    found = find_named(start, options, tell)
-    if last is None:
+    found, slips = beside_slips(start, find_named(start, options, tell), options, tell)
+    proved = adopted(mistakes)
+    mistakes = (*proved, *slips, *(m for m in mistakes if m not in proved))
+    if last is None and not slips:
         found, structure = beside_structures(start, found, options, tell)
         mistakes = (*structure, *mistakes)
     tell("test for remaining signal")

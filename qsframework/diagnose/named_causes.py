@@ -23,7 +23,7 @@ from qsframework.diagnose.residuals.audited_rows import bic, far_from_linear, fi
 from qsframework.diagnose.residuals.noise_components import visible
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
 from qsframework.estimation import orthonormal, rms
-from qsframework.hypotheses.catalogue.causes import Cause
+from qsframework.hypotheses.catalogue.causes import Cause, with_causes
 from qsframework.hypotheses.exact_refit import SettledFit
 from qsframework.hypotheses.hypothesis import Hypothesis
 from qsframework.hypotheses.search.cross_validation import HeldOut, Search, held_out
@@ -41,7 +41,7 @@ from qsframework.hypotheses.search.model_selection import (
 )
 from qsframework.hypotheses.search.subsets import parts_of
 from qsframework.plugin import Indices
-from qsframework.screening import Mistake
+from qsframework.screening import Mistake, find_slips
 from qsframework.screening.conventions import check_structures, fits_better
 
 _OUTLIERS = 0.01
@@ -139,6 +139,23 @@ def beside_structures(
         if _dearer(instead, found) < (_AS_GOOD if spared else -_BETTER):
             return instead, (structure,)
     return found, ()
+
+
+def beside_slips(
+    start: StartingFit, found: FoundCauses, options: SearchOptions, tell: Callable[[str], None]
+) -> tuple[FoundCauses, tuple[Mistake, ...]]:
+    """What is found without mistakes of single rows that stand out only beside the causes, and these mistakes: what
+    acts at all poses hides them. Causes are then searched for again, and mistakes beside these."""
+    slips: list[Mistake] = []
+    for _ in range(_ROUNDS):
+        beside = with_causes(start.experiment, found.causes, found.extended.by_name())
+        more = find_slips(beside, start.readings) if found.causes else ()
+        if not more:
+            break
+        slips += [replace(m, experiment=start.experiment) for m in more]
+        start = start_of(start.experiment, more[-1].readings)
+        found = find_named(start, options, tell)
+    return found, tuple(slips)
 
 
 def held_out_gain(found: FoundCauses, options: SearchOptions) -> HeldOut:

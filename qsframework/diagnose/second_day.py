@@ -22,7 +22,7 @@ from qsframework.experiment import Experiment, LoadCase, Plan, make_plan, make_r
 from qsframework.experiment.readings import joined
 from qsframework.experiment.simulate import planned_readings
 from qsframework.experiment.stations import station_frame
-from qsframework.hypotheses.catalogue.causes import Cause
+from qsframework.hypotheses.catalogue.causes import Cause, with_causes
 from qsframework.hypotheses.search.places import PlaceMotion
 from qsframework.plugin import Array, Indices, Poses
 from qsframework.plugin.facts import frozen
@@ -141,14 +141,8 @@ def _second(diagnosis: Diagnosis) -> Experiment:
     was found to be."""
     first, experiment = diagnosis.readings, diagnosis.experiment
     own = float(np.sqrt(np.nanmean(first.sigma[diagnosis.kept] ** 2))) * diagnosis.audit.unit
-    have = {e.name for e in experiment.model().effects}
-    added = [e for c in diagnosis.known for e in c.effects if e.name not in have]
-    return experiment.with_(
-        noise=replace(experiment.noise, sigma=own),
-        loads=experiment.loads or _loads_of(diagnosis),
-        effects=(*experiment.effects, *added),
-        parameters=(*experiment.parameters, *(p for e in added for p in e.parameters(experiment.robot.facts))),
-    )
+    noise, loads = replace(experiment.noise, sigma=own), experiment.loads or _loads_of(diagnosis)
+    return with_causes(experiment, diagnosis.known, {}).with_(noise=noise, loads=loads)
 
 
 def _loads_of(diagnosis: Diagnosis) -> tuple[LoadCase, ...]:

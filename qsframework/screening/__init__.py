@@ -2,7 +2,7 @@
 
 from qsframework.hypotheses.catalogue.rows import LEVEL, Finding, doubled, masked
 from qsframework.hypotheses.outliers import SHARE, find_outliers, told_outliers
-from qsframework.screening.check import find_mistakes
+from qsframework.screening.check import find_mistakes, find_slips
 from qsframework.screening.mistake import SUSPECTED, Mistake, adopted
 
 __all__ = [
@@ -15,6 +15,7 @@ __all__ = [
     "doubled",
     "find_mistakes",
     "find_outliers",
+    "find_slips",
     "masked",
     "told_outliers",
 ]

@@ -73,6 +73,23 @@ def find_mistakes(
     return (*found, *proved, *others, *units, *overloads(given), *told)
 
 
+def find_slips(experiment: Experiment, readings: Readings) -> tuple[Mistake, ...]:
+    """Mistakes in single rows and poses alone, each applied after those before it: what stands out from an experiment
+    that holds what acts at all poses."""
+    out: list[Mistake] = []
+    try:
+        given = linearized(experiment, readings)
+        while len(out) < _MOST:
+            found = single_rows(given, stand_out(experiment, given.readings))
+            if not found:
+                break
+            out += found
+            given = linearized(experiment, found[-1].readings)
+    except _UNIDENTIFIABLE:
+        pass
+    return tuple(out)
+
+
 def _proved(given: Linearized) -> tuple[list[Mistake], list[Mistake], Linearized]:
     """What is beyond doubt, each with all before it applied; what merely fits better; and the fit with the former."""
     rounded = _rounded(given)

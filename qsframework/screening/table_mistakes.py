@@ -111,7 +111,7 @@ def table_mistakes(standing: Standing) -> tuple[Mend, ...]:
     found.sort(key=lambda m: -(m.gain - 2.0 * len(m.visits) - 2.0 * np.log(m.tried)))
     chosen: list[Mend] = []
     for m in found:
-        if not {v for c in chosen for v in c.visits} & set(m.visits):
+        if not any(set(c.visits) & set(m.visits) or _copies(standing, c, m) for c in chosen):
             chosen.append(m)
     while chosen:
         rest = _elsewhere(standing, [v for m in chosen for v in m.visits])
@@ -120,6 +120,14 @@ def table_mistakes(standing: Standing) -> tuple[Mend, ...]:
             break
         chosen = [m for m in chosen if m is not min(chosen, key=lambda m: m.gain / max(m.need, 1e-9))]
     return tuple(chosen)
+
+
+def _copies(standing: Standing, one: Mend, other: Mend) -> bool:
+    """Whether each is said to be a copy of the other's pose: one of them was read."""
+    (a, *_), (b, *_) = one.edits, other.edits
+    pose = standing.readings.states.pose
+    there = [{pose[int(s)] for s in e.states} for e in (a, b)]
+    return a.masked and b.masked and a.other in there[1] and b.other in there[0]
 
 
 def _elsewhere(standing: Standing, mended: Sequence[int]) -> float:

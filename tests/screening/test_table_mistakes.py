@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from independent import Campaign, Mount, Setting, add_mounts, forces, noisy, write_campaign
 from independent_arm import ARMS, Hidden
+from independent_effects import SHOWN, hide
 
 from qsframework.cli.check import check_files
 from qsframework.diagnose import diagnose
@@ -133,6 +134,8 @@ def test_two_poses_and_repeated_readings(folder: Path) -> None:
     (one,) = found(experiment, right.with_values(value))
     assert one.name == "repeated_readings[p05]"
     assert not one.readings.use[a].any()
+    both = found(experiment, turned(right.with_values(value), experiment, "p16", 1, np.deg2rad(20.0)))
+    assert {m.name for m in both} == {"repeated_readings[p05]", "angle[p16/q2]"}
 
 
 def test_loaded_and_unloaded_and_mirrored_axes(folder: Path) -> None:
@@ -197,6 +200,23 @@ def test_diagnosis_and_check_name_the_mistake_and_no_cause(folder: Path, capsys:
     check_files([folder / "displacements" / "experiment.yaml"], None)
     path.write_text(text)
     assert "force[p08]: rows" in capsys.readouterr().out
+
+
+def test_a_slip_that_a_cause_hides_is_named_beside_it(tmp_path: Path) -> None:
+    """Beside a soft bearing that moves every pose, 4 deg of one pose passed for a gross error without a name."""
+    campaign = Campaign(Setting(ARMS["heavy"], 24, 3, "displacements", fit="springs", loads="many"))
+    soft, size = hide(campaign, SHOWN["displacements"][0], 100.0, np.random.default_rng(1))
+    write_campaign(campaign, noisy(campaign, campaign.clean(soft.make(size))), tmp_path)
+    experiment, right = loaded(tmp_path)
+    wrong = turned(right, experiment, "p07", 1, np.deg2rad(4.0))
+    assert found(experiment, wrong) == ()
+    told = diagnose(experiment, wrong, repeats=1)
+    assert [f.name for f in told.sure] == ["angle[p07/q2]", soft.name]
+    (one,) = adopted(told.conventions)
+    assert (one.name, one.rows) == ("angle[p07/q2]", lines_of(right, "p07"))
+    assert np.isclose(np.rad2deg(one.found - one.meant), 4.0, rtol=0.3)
+    assert not len(told.outliers)
+    assert adopted(diagnose(experiment, right, repeats=1).conventions) == ()
 
 
 def test_a_load_far_over_the_payload(folder: Path) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -113,6 +113,26 @@ def find_causes(
         else:
             causes.append(Cause(effect.name, (effect,), given(effect, "parameters", facts), False))
     return tuple(c for c in causes if c.parameters), tuple(untested)
+
+
+def with_causes(experiment: Experiment, causes: Sequence[Cause], values: Mapping[str, float]) -> Experiment:
+    """The experiment with causes among its effects, their parameters fitted too; values: by name, SI, that are nominal
+    from now on."""
+    facts, robot = experiment.robot.facts, experiment.robot
+    have = {e.name for e in experiment.model().effects}
+    added = [e for c in causes for e in c.effects if e.name not in have]
+
+    def about(parameters: Iterable[Parameter]) -> tuple[Parameter, ...]:
+        return tuple(
+            replace(p, nominal=float(np.clip(values.get(p.name, p.nominal), p.lower, p.upper))) for p in parameters
+        )
+
+    return experiment.with_(
+        robot=replace(robot, parameters=about(robot.parameters)),
+        effects=(*experiment.effects, *added),
+        parameters=about([*experiment.parameters, *(p for e in added for p in e.parameters(facts))]),
+        fit=(*experiment.fit_names(), *(n for c in causes for n in c.names)),
+    )
 
 
 def groups_of(causes: Sequence[Cause]) -> list[Cause]:
