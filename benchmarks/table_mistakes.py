@@ -1,10 +1,12 @@
 """What the screening says of mistakes in the table: `docs/results.md` holds the answers.
 
     python benchmarks/table_mistakes.py [--seeds 10] [--kinds angle,force,...] [--clean 300] [--whole 2] [--write]
+    python benchmarks/table_mistakes.py --beside 100 [--seeds 4]
 
 Campaigns of the second generator (`independent.py`), which imports nothing of the package, are written with one mistake
 each; the screening sees the files alone. `--clean`: campaigns without a mistake, of all noises, and as many with a
-hidden effect of s = 10; `--whole`: so many cases of each kind go through the whole diagnosis.
+hidden effect of s = 10; `--whole`: so many cases of each kind go through the whole diagnosis. `--beside`: mistakes of
+one or two poses alone, each beside a hidden effect of so many s, by the whole diagnosis.
 
 The size s of a mistake is the norm of what it adds to the whitened readings beyond what the fitted parameters absorb,
 about the arm that the table speaks of. Below 8 it is too small to be seen, and counted apart.
@@ -426,11 +428,14 @@ KINDS = (
     Kind("loads of two poses exchanged", loads_exchanged, ("loads_exchanged", "poses_exchanged")),
     Kind("a reflector's constant", constant, ("marker_constant",), ("positions",)),
 )
+OF_A_POSE = ("one pose", "two poses", "one cell")
+"""In the words of mistakes that touch one or two poses."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Answer:
-    """What was said of one case. s: size of the mistake; outcome: named, wrong, silent, refused or small."""
+    """What was said of one case. s: size of the mistake; outcome: named, wrong, silent, refused or small; hidden: the
+    effect beside it."""
 
     kind: str
     arm: str
@@ -440,10 +445,12 @@ class Answer:
     said: tuple[str, ...]
     seconds: float
     physical: tuple[str, ...] = ()
+    hidden: str = ""
 
 
-def make(kind: Kind, number: int, seed: int) -> tuple[Campaign, Table, Page, float]:
-    """A campaign with a mistake: what was measured, what the files say, with noise, and its size."""
+def make(kind: Kind, number: int, seed: int, beside: float) -> tuple[Campaign, Table, Page, float, str]:
+    """A campaign with a mistake: what was measured, what the files say, with noise, and its size; beside: s of an
+    effect that is hidden too, and its name."""
     first = [seed, zlib.crc32(kind.words.encode()), number]
     rng = np.random.default_rng(first)
     for attempt in range(100):
@@ -452,21 +459,26 @@ def make(kind: Kind, number: int, seed: int) -> tuple[Campaign, Table, Page, flo
         setting = Setting(
             arm, (40, 24, 60)[number % 3], int(rng.integers(1 << 30)), of, loads=("two", "many")[number % 2]
         )
+        effect, name = Hidden(), ""
         try:
             setting = replace(setting, plan=readable(kind, setting, [*first, attempt]))
             campaign = Campaign(setting)
-            clean = campaign.clean(Hidden())
+            if beside:
+                shown = SHOWN[of]
+                found, amount = hide(campaign, shown[(number + attempt) % len(shown)], beside, rng)
+                effect, name = found.make(amount), found.name
+            clean = campaign.clean(effect)
             pages = [
                 kind.make(Page(arm, *campaign.visits, values), np.random.default_rng([*first, attempt]))
                 for values in (clean, noisy(campaign, clean))
             ]
             told = Table(setting, pages[0].both, pages[0].states)
-            more = told.whiten(pages[0].values) - told.whiten(told.clean(Hidden()))
+            more = told.whiten(pages[0].values) - told.whiten(told.clean(effect))
             size = float(np.linalg.norm(more - told.fitted @ (told.fitted.T @ more)))
         except (NoRest, Unreachable, FloatingPointError, np.linalg.LinAlgError):
             continue
         if np.isfinite(size):
-            return campaign, told, pages[1], size
+            return campaign, told, pages[1], size, name
     raise Unreachable
 
 
@@ -501,9 +513,9 @@ def files(campaign: Campaign, told: Campaign, values: Sequence[Array], folder: P
     return experiment, read_readings(experiment.data, experiment)
 
 
-def ask(kind: Kind, number: int, seed: int, whole: bool) -> Answer:
+def ask(kind: Kind, number: int, seed: int, whole: bool, beside: float) -> Answer:
     """What is said of one case."""
-    campaign, told, page, size = make(kind, number, seed)
+    campaign, told, page, size, name = make(kind, number, seed, beside)
     setting = campaign.setting
     start = time.process_time()
     physical: tuple[str, ...] = ()
@@ -539,6 +551,7 @@ def ask(kind: Kind, number: int, seed: int, whole: bool) -> Answer:
         said=tuple(f"{c.name} {c.column} {c.rows[:3]}" for c in called),
         seconds=time.process_time() - start,
         physical=physical,
+        hidden=name,
     )
 
 
@@ -654,6 +667,7 @@ def main() -> None:
     parser.add_argument("--kinds", default="", help="parts of the names of kinds, comma between")
     parser.add_argument("--clean", type=int, default=0, help="campaigns without a mistake")
     parser.add_argument("--whole", type=int, default=0, help="cases of each kind by the whole diagnosis")
+    parser.add_argument("--beside", type=float, default=0.0, help="s of an effect hidden beside each mistake")
     parser.add_argument("--write", action="store_true", help="write the tables to docs/results.md")
     given = parser.parse_args()
     parts = [p for p in given.kinds.split(",") if p]
@@ -661,13 +675,16 @@ def main() -> None:
     for kind in KINDS:
         if parts and not any(p in kind.words for p in parts):
             continue
+        if given.beside and not any(w in kind.words for w in OF_A_POSE):
+            continue
         for number in range(given.seeds):
             try:
-                a = ask(kind, number, given.seed, number < given.whole)
+                a = ask(kind, number, given.seed, bool(given.beside) or number < given.whole, given.beside)
             except Unreachable:
                 continue
             answers.append(a)
             said = "; ".join(a.said) + (f"  PHYSICAL {a.physical}" if a.physical else "")
+            said += f"  HIDDEN {a.hidden}" if a.hidden else ""
             print(
                 f"{a.outcome:9s} {a.kind:32s} {a.arm:7s} {a.of:13s} s={a.s:9.1f} {a.seconds:5.1f} s  {said}", flush=True
             )
@@ -680,7 +697,10 @@ def main() -> None:
     text = tables(answers, plain, hiding)
     asked = [a for k in {a.kind for a in answers} for a in [x for x in answers if x.kind == k][: given.whole]]
     bad = sum(bool(a.physical) for a in asked)
-    if asked:
+    if given.beside:
+        both = sum(a.hidden in a.physical for a in answers)
+        text += f"\n\nThe hidden effect is named beside it in {both} of {len(answers)}."
+    elif asked:
         text += f"\n\nBy the whole diagnosis: {len(asked)} cases, a physical cause named beside or in place of {bad}."
     print(text)
     if given.write:
