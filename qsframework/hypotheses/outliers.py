@@ -162,11 +162,18 @@ def widened(experiment: Experiment, readings: Readings) -> ObservationModel:
     return observation_model(wide, readings, [n for n in model.names if n in names], linear=True)
 
 
+def held_naturally(seen: ObservationModel, scale: Array) -> Array:
+    """How firmly (p,) parameters in these scales are held by natural sizes, those of frames not at all."""
+    natural = np.array([p.scale for p in seen.parameters])
+    free = np.arange(len(scale)) < seen.motions
+    return np.where(free, 0.0, scale / (_REACH * natural))
+
+
 def _agreed(seen: ObservationModel) -> Agreed:
     """The fit about the nominal arm to the rows that agree, what is not of the frames held by natural sizes."""
     rows = seen.rows
     scale = np.array([p.scale for p in seen.parameters])
-    held = np.concatenate([np.zeros(seen.motions), np.full(len(seen.names), 1.0 / _REACH)])
+    held = held_naturally(seen, scale)
 
     def beyond(misfit: Array, wrong: Flags, _: LinearFit | None) -> Flags:
         return np.asarray(_in_sds(seen, misfit, wrong) > GROSS, dtype=np.bool_)

@@ -17,7 +17,8 @@ from qsframework.estimation.tails import chi2_isf
 from qsframework.experiment import Experiment, Frame, ObservationModel, ReadingRows, Readings, observation_model
 from qsframework.experiment.frames import motion_count, spans
 from qsframework.hypotheses.linearized import agreed
-from qsframework.hypotheses.visits import Visits, visits_of
+from qsframework.hypotheses.outliers import held_naturally, widened
+from qsframework.hypotheses.visits import Visits, stops_of, visits_of
 from qsframework.plugin import Array, Indices
 
 _CHANCE = 1e-6
@@ -108,21 +109,26 @@ class Standing:
         return rows.predict(self.seen.model, x, frames, linear=True)
 
 
-def stand_out(experiment: Experiment, readings: Readings) -> Standing:
+def stand_out(experiment: Experiment, readings: Readings, wide: bool = False) -> Standing:
     """Which visits stand out, each against the others. Errors as `observation_model` has them.
 
-    What visits share is left to the unit.
+    wide: whole poses, from a model with geometry, springs and sag added, each held to its natural size. What visits
+    share is left to the unit.
     """
-    seen = observation_model(experiment, readings, experiment.fit_names(), linear=True)
+    if wide:
+        seen = widened(experiment, readings)
+    else:
+        seen = observation_model(experiment, readings, experiment.fit_names(), linear=True)
     rows = seen.rows
-    visits = visits_of(rows)
+    visits = stops_of(rows) if wide else visits_of(rows)
     count = np.bincount(visits.of[rows.row], minlength=len(visits))
 
     def beyond(misfit: Array, wrong: Flags, _: LinearFit | None) -> Flags:
         return _beyond(misfit / _unit(misfit, count, wrong) ** 2, count)
 
     noise, scale = Independent(rows.flat(rows.sigma)), scales(list(seen.parameters))
-    found, frames = agreed(seen, visits.of, beyond, noise, scale, np.zeros(len(scale)))
+    held = held_naturally(seen, scale) if wide else np.zeros(len(scale))
+    found, frames = agreed(seen, visits.of, beyond, noise, scale, held)
     unit = _unit(found.misfit, count, found.wrong)
     return Standing(
         experiment=experiment,

@@ -8,6 +8,7 @@ memory only. At last rows are named that belong under no model.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -20,13 +21,17 @@ from qsframework.hypotheses.catalogue.rounded import rounded_angles
 from qsframework.hypotheses.catalogue.rows import LEVEL, Finding, copies, doubled, finding, lines, masked, unread
 from qsframework.hypotheses.linearized import Linearized, at_solution, linearized
 from qsframework.hypotheses.outliers import find_outliers, told_outliers
-from qsframework.hypotheses.standing_out import stand_out
+from qsframework.hypotheses.standing_out import Standing, stand_out
 from qsframework.plugin import Indices
 from qsframework.screening.conventions import overloads, single_rows, suspicions, whole_table
 from qsframework.screening.mistake import Mistake
 
 _MOST = 6
 """Mistakes of one file that are looked for."""
+_HIDES = 2.0
+"""Noise that the visits show, in sds as stated, from which something acts at all of them."""
+_LONG = 5_000
+"""Rows from which a model with geometry costs too much here."""
 _TESTED = 4
 """Kinds that share the level."""
 _MANY = 20
@@ -80,7 +85,7 @@ def find_slips(experiment: Experiment, readings: Readings) -> tuple[Mistake, ...
     try:
         given = linearized(experiment, readings)
         while len(out) < _MOST:
-            found = single_rows(given, stand_out(experiment, given.readings))
+            found = _of_rows(given, stand_out(experiment, given.readings))
             if not found:
                 break
             out += found
@@ -104,7 +109,7 @@ def _proved(given: Linearized) -> tuple[list[Mistake], list[Mistake], Linearized
         if not proved:
             rest = found if not found or not found[0].compelling else found[1:2]
         if not found or not found[0].compelling:
-            found = single_rows(given, standing)
+            found = _of_rows(given, standing)
             if not found:
                 break
             rest = []
@@ -113,6 +118,18 @@ def _proved(given: Linearized) -> tuple[list[Mistake], list[Mistake], Linearized
         proved += found
         given = linearized(found[-1].experiment, found[-1].readings)
     return proved, rest, given
+
+
+def _of_rows(given: Linearized, standing: Standing) -> list[Mistake]:
+    """Mistakes in single rows and poses. Where geometry that is not fitted may hide them, which moves every pose, whole
+    poses are asked of a model that has it first."""
+    hidden = given.readings.is_position[given.keep].any() and (not given.stated or standing.unit > _HIDES)
+    if hidden and len(given.keep) <= _LONG:
+        with suppress(*_UNIDENTIFIABLE):
+            found = single_rows(given, stand_out(given.experiment, given.readings, wide=True))
+            if found:
+                return found
+    return single_rows(given, standing)
 
 
 def _rounded(given: Linearized) -> Mistake | None:
