@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -141,7 +141,12 @@ class GivenCauses:
 
     causes: tuple[Cause, ...]
     fit: SettledFit
-    race: Competition
+    run: Callable[[], Competition]
+
+    @cached_property
+    def race(self) -> Competition:
+        """Run where somebody asks."""
+        return self.run()
 
 
 Beside = Callable[[frozenset[str]], GivenCauses]
@@ -150,7 +155,7 @@ Beside = Callable[[frozenset[str]], GivenCauses]
 def races_of(found: FoundCauses) -> Beside:
     """The race beside some of the names that were found, each made once; beside none where no fit with them leads
     anywhere."""
-    base, others = found.base, found.base.visible_causes()
+    base, others = found.base, cache(found.base.visible_causes)
     noise = base.rows.padded_noise
 
     @cache
@@ -159,12 +164,16 @@ def races_of(found: FoundCauses) -> Beside:
         fit = base.refit(causes)
         if fit is None:
             return beside(frozenset[str]())
-        columns = noise.colour(fit.jacobian if causes else base.case.A)
-        # what was drawn in of the readings at the last model is no effect here either
-        values = base.values + (fit.residuals - base.fit.residuals).ravel()
-        moved = motions(fit.model, base.rows, fit.x, fit.frames)
-        rest = {name: own for name, own in others.items() if name not in names}
-        return GivenCauses(causes, fit, compete(moved, fits_beside(base.rows, columns), values, rest))
+
+        def run() -> Competition:
+            columns = noise.colour(fit.jacobian if causes else base.case.A)
+            # what was drawn in of the readings at the last model is no effect here either
+            values = base.values + (fit.residuals - base.fit.residuals).ravel()
+            moved = motions(fit.model, base.rows, fit.x, fit.frames)
+            rest = {name: own for name, own in others().items() if name not in names}
+            return compete(moved, fits_beside(base.rows, columns), values, rest)
+
+        return GivenCauses(causes, fit, run)
 
     return beside
 
