@@ -2,8 +2,7 @@
 
     y = X b + Z u + e,   u ~ N(0, ratio^2 s^2),   e ~ N(0, s^2)
 
-In the eigenvectors of what Z does beyond the fitted columns X the likelihood is a sum: exact, and one decomposition
-does for all sizes.
+The columns of Z are orthogonal, so that all that is solved has the size of the fit: exact, and quick for many.
 """
 
 from __future__ import annotations
@@ -13,14 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from qsframework.estimation.linear_fit import LinearFit
-from qsframework.plugin import Array
+from qsframework.plugin import Array, Indices
 
 _SMALLEST, _LARGEST = 1e-3, 1e3
 """Sizes that are looked for, in sds of a reading's own error."""
 _FINE, _FINER = 41, 5
 """Places of the grid of them, and how often it is made finer: to a millionth."""
-_TOGETHER = 256
-"""Columns that are taken beside the fit at once."""
+_FITTED = 1e-6
+"""Share of a fitted direction that lies beyond Z, below which Z reaches it whole."""
 
 
 @dataclass(frozen=True)
@@ -48,28 +47,48 @@ def with_variance(lam: Array, square: Array, total: Array | float, variances: Ar
     return np.asarray(left * np.exp(np.log1p(grown).sum(axis=-1) / free)[..., None])
 
 
-def variance_component(fit: LinearFit, Z: Array) -> VarianceComponent:
-    """The likeliest size of what whitened columns Z (m, k), of coefficients of one sd, add to the errors of a fit whose
-    noise may have any size. Z is overwritten."""
-    if fit.used is not None:
-        Z[~fit.used] = 0.0
-    for first in range(0, Z.shape[1], _TOGETHER):
-        part = Z[:, first : first + _TOGETHER]
-        part -= fit.Q @ (fit.Q.T @ part)
-    lam, V = np.linalg.eigh(Z.T @ Z)
-    seen = lam > 1e-6 * max(lam[-1], 1e-300)
-    lam, V = lam[seen], V[:, seen]
-    square = np.square(V.T @ (Z.T @ fit.white)) / lam
+def variance_component(fit: LinearFit, values: Array, column: Indices) -> VarianceComponent:
+    """The likeliest size of what orthogonal whitened columns Z, of coefficients of one sd, add to the errors of a fit
+    whose noise may have any size. values (m, n): of Z, in each row n of them; column (m, n): where they stand.
 
-    def deviance(ratio: Array) -> Array:
-        return fit.dof * np.log(with_variance(lam, square[:, None], fit.chi2, ratio**2, fit.dof)[:, 0])
+    With D = Z'Z, W = Z'Q, t = Z'y and w = ratio^2 / (1 + ratio^2 D), for V = I + ratio^2 Z Z':
+
+        A = Q' V^-1 Q = I - W' w W,   y' P y = y'y - t' w t - b' A^-1 b  with  b = W' w t,
+        log |V| + log |A| = sum log(1 + ratio^2 D) + log |A|
+    """
+    if fit.used is not None:
+        values = np.where(fit.used[:, None], values, 0.0)
+    count = int(column.max()) + 1
+    each = np.square(values), values * fit.white[:, None]
+    D, t = (np.asarray(np.bincount(column.ravel(), v.ravel(), count), dtype=np.float64) for v in each)
+    W = np.zeros((count, fit.Q.shape[1]))
+    np.add.at(W, column, values[..., None] * fit.Q[:, None])
+
+    def left(w: Array) -> tuple[Array, Array, float]:
+        """A, b and what the weights w (k,) take of the squares."""
+        return np.eye(W.shape[1]) - W.T @ (w[:, None] * W), (w * t) @ W, float(w @ np.square(t))
+
+    def squares(ratio: float) -> tuple[float, float]:
+        """What remains of the squares, and the price of the directions."""
+        A, b, taken = left(ratio**2 / (1.0 + ratio**2 * D))
+        price = float(np.log1p(ratio**2 * D).sum() + np.linalg.slogdet(A)[1])
+        return max(fit.chi2 - taken - float(b @ np.linalg.solve(A, b)), 1e-12 * fit.chi2, 1e-300), price
+
+    def deviance(ratio: float) -> float:
+        rest, price = squares(ratio)
+        return fit.dof * float(np.log(rest)) + price
 
     ratio, low, high = 0.0, _SMALLEST, _LARGEST
     for _ in range(_FINER):  # each time between the neighbours of the best
         ratios = np.geomspace(low, high, _FINE)
-        at = int(np.argmin(deviance(ratios)))
+        at = int(np.argmin([deviance(float(r)) for r in ratios]))
         low, ratio, high = (float(ratios[k]) for k in (max(at - 1, 0), at, min(at + 1, _FINE - 1)))
-    without, beside = deviance(np.array([0.0, ratio])).tolist()
-    rest = max(fit.chi2 - float(square.sum()), 0.0)
-    own = rest + float((square / (1.0 + ratio**2 * lam)).sum())
-    return VarianceComponent(ratio, without - beside, own, rest, len(lam))
+    reached = D > 0.0
+    limit: Array = np.zeros(count)
+    limit[reached] = 1.0 / D[reached]
+    A, b, taken = left(limit)
+    values, vectors = np.linalg.eigh(A)
+    seen = values > _FITTED
+    rest = fit.chi2 - taken - float((np.square(b @ vectors[:, seen]) / values[seen]).sum())
+    directions = int(reached.sum() - (~seen).sum())
+    return VarianceComponent(ratio, deviance(0.0) - deviance(ratio), squares(ratio)[0], max(rest, 0.0), directions)

@@ -149,9 +149,7 @@ def estimate(fit: LinearFit, sigma: Array, measurement: Indices, source: str, le
         return plain
     typical = float(np.sqrt(np.mean(sigma**2)))
     label = np.unique((3 * measurement[:, None] + np.arange(3)).ravel(), return_inverse=True)[1]
-    Z = np.zeros((fit.white.size, label.max() + 1))
-    Z[np.arange(fit.white.size), label] = np.repeat(typical / sigma, 3)
-    found = variance_component(fit, Z)
+    found = variance_component(fit, np.repeat(typical / sigma, 3)[:, None], label[:, None])
     if dof - found.directions < FEWEST:
         return plain
     p = 0.5 * float(chi2_sf(found.gain, 1)) if found.gain > 0.0 else 1.0

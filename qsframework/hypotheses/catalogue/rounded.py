@@ -46,7 +46,7 @@ def rounded_angles(experiment: Experiment, readings: Readings) -> tuple[Hypothes
         return None
     turned = rows.noise.whiten(rows.flat(_turned(experiment, seen)))
     size = float(np.sqrt(np.square(turned).sum(axis=1).mean()))
-    found = variance_component(fit, _by_visit(turned / size, rows.plus[rows.row]))
+    found = variance_component(fit, *_by_visit(turned / size, rows.plus[rows.row]))
     angle = found.ratio * float(np.sqrt(found.own / fit.dof)) / size
     usual = step / np.sqrt(12.0)
     if found.gain < 2.0 * _EVIDENCE or found.own > (1.0 - _SHARE) * fit.chi2:
@@ -66,12 +66,15 @@ def _told(experiment: Experiment, readings: Readings, step: float, off: float) -
     return Hypothesis("angles_rounded", 1.0, words, experiment, readings=readings, hides=True, column="q", found=step)
 
 
-def _by_visit(turned: Array, visit: Indices) -> Array:
-    """Columns (m, n) as columns of each visit's own (m, n V)."""
-    at = np.unique(visit, return_inverse=True)[1]
-    out = np.zeros((*turned.shape, int(at.max()) + 1))
-    out[np.arange(len(turned)), :, at] = turned
-    return out.reshape(len(turned), -1)
+def _by_visit(turned: Array, visit: Indices) -> tuple[Array, Indices]:
+    """Columns (m, n) as orthogonal ones of each visit's own, which do the same: values (m, n), and where they stand."""
+    at: Indices = np.unique(visit, return_inverse=True)[1]
+    axes = turned.shape[1]
+    products = np.zeros((int(at.max()) + 1, axes, axes))
+    np.add.at(products, at, turned[:, :, None] * turned[:, None])
+    own = turned[:, None] @ np.linalg.eigh(products)[1][at]
+    column: Indices = axes * at[:, None] + np.arange(axes, dtype=np.intp)
+    return np.asarray(own[:, 0], dtype=np.float64), column
 
 
 def _some(readings: Readings) -> Readings:
