@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
@@ -72,10 +73,9 @@ def remaining_signal(
 
     The noise is drawn where the strongest is neither too weak to count nor beyond what draws can tell.
     """
-    columns = [b.columns for b in blocks]
-    found = evidence(columns, fits, values, draws=0)
+    found = evidence((b.columns for b in blocks), fits, values, draws=0)
     if (found.e >= _LEAST).any() and found.p_values.min() > 1.0 / DRAWS:
-        found = evidence(columns, fits, values, seed=seed, measured=measured)
+        found = evidence((b.columns for b in blocks), fits, values, seed=seed, measured=measured)
     p = found.p_values
     left = tuple(
         Leftover(blocks[i].law, float(p[i]), float(found.e[i]))
@@ -94,7 +94,7 @@ def on_one_axis(blocks: Sequence[Block], e: Array, fits: Reml, values: Array, fa
     near = [i for i in range(len(blocks)) if e[i] > e.max() - _NEAR]
     single = {i: list(single_axes(blocks[i], facts)) for i in near}
     every = [b for some in single.values() for b in some]
-    finer = iter(evidence([b.columns for b in every], fits, values, draws=0).e)
+    finer = iter(evidence((b.columns for b in every), fits, values, draws=0).e)
     out: list[Likely] = []
     for i in near:
         own = [Likely(blocks[i].law, b, float(next(finer) - np.log(len(single[i])))) for b in single[i]]
@@ -114,9 +114,8 @@ def open_alternative(
 ) -> tuple[Leftover, bool] | None:
     """The generic block that stands in the place of a name best, where one does, and whether it is so far ahead that
     the name cannot stand beside it; fits: of all but the name."""
-    found = evidence(
-        [name.columns, *(b.columns for b in blocks)], fits, values + name.effect, effects=name.effect[:, None], draws=0
-    )
+    columns = chain([name.columns], (b.columns for b in blocks))
+    found = evidence(columns, fits, values + name.effect, effects=name.effect[:, None], draws=0)
     ahead, holds = found.e[1:] - found.e[0], found.held[1:, 0] >= _HOLDS
     odds = np.where(holds, 0.0, np.exp(np.minimum(ahead, 50.0)))
     beaten = np.max(ahead, where=holds, initial=-np.inf) > _BEATS

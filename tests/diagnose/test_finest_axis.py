@@ -16,7 +16,7 @@ _EFFECT = find("learned")(at="joint_1", by="order", first=0.0, last=1.0)
 def likely(law: Law, evidence: float, axis: str = "") -> Likely:
     """A law with its evidence, about one axis alone where one is given."""
     own = Law(law.part, law.place, law.by, axis)
-    return Likely(law, Block(own, np.zeros((3, 1)), _EFFECT), evidence)
+    return Likely(law, Block(own, _EFFECT, lambda: np.zeros((3, 1))), evidence)
 
 
 ELBOW = Law("drive", "joint_3", ("torque",))

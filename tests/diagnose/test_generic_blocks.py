@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -47,11 +46,11 @@ def test_every_block_is_what_its_effect_does(arm: Arm, kind: str, tmp_path: Path
         effects = effects_of(fit.model, block.effect)
         cause = Cause(block.law.name, effects, effects[-1].parameters(fit.model.facts), False)
         case = make_case(experiment, rows, fit.names, [cause], fit.by_name(), fit.residuals, fit.frames)
-        own = case.metres(0) / np.array(cause.sizes)
-        assert own.shape == block.columns.shape, block.law.name
+        own, columns = case.metres(0) / np.array(cause.sizes), block.columns
+        assert own.shape == columns.shape, block.law.name
         if "others" in block.law.by and block.law.axis:  # the same functions, those of its own axis first
-            own, block = own @ own.T, replace(block, columns=block.columns @ block.columns.T)
-        off[block.law.name] = float(np.abs(own - block.columns).max()) / max(float(np.abs(own).max()), 1e-300)
+            own, columns = own @ own.T, columns @ columns.T
+        off[block.law.name] = float(np.abs(own - columns).max()) / max(float(np.abs(own).max()), 1e-300)
     assert len(tried) > 40
     assert {b.law.part for b in tried if b.law.axis} == {"link", "bearing", "shift"}
     assert {n: v for n, v in off.items() if v > _SAME} == {}

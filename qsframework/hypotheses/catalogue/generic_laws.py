@@ -8,9 +8,9 @@ with gravity and compensators in both torques.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, cast
 
 import numpy as np
@@ -89,11 +89,17 @@ class BlockPlace:
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Columns (3 R, k) m of what a law could do to the readings; effect: what it would be."""
+    """What a law could do to the readings; effect: what it would be; made: what makes its columns, which are too many
+    to be kept for all laws."""
 
     law: Law
-    columns: Array
     effect: Effect
+    made: Callable[[], Array]
+
+    @property
+    def columns(self) -> Array:
+        """Columns (3 R, k) m, made anew each time."""
+        return self.made()
 
 
 @dataclass(frozen=True, eq=False)
@@ -335,11 +341,11 @@ def generic_blocks(moved: Motions) -> Iterator[Block]:
             law = Law(place.part, place.name, by)
             effect = _learned(moved, law, place.name, scale=moved.scale(place.coordinates), place=place)
             if effect is not None:
-                yield Block(law, moved.spring_columns(place, effect), effect)
+                yield Block(law, effect, partial(moved.spring_columns, place, effect))
     for law, at in _of_readings(moved):
         effect = _learned(moved, law, at, scale=_largest_force(moved))
         if effect is not None:
-            yield Block(law, moved.seen_columns([effect.shapes(s.reading, s.context) for s in moved.stands]), effect)
+            yield Block(law, effect, partial(_seen, moved, effect))
     if _largest_force(moved) > 0.0:
         for law in (
             *(Law("load", "tool", (by,)) for by in ("force", "direction", "order")),
@@ -347,7 +353,7 @@ def generic_blocks(moved: Motions) -> Iterator[Block]:
         ):
             effect = _learned(moved, law, "tool", scale=_largest_force(moved) if law.part == "load" else 0.0)
             if effect is not None:
-                yield Block(law, moved.seen_columns([_forced(effect, s) for s in moved.stands]), effect)
+                yield Block(law, effect, partial(_pulled, moved, effect))
 
 
 def single_axes(block: Block, facts: RobotFacts) -> Iterator[Block]:
@@ -356,10 +362,20 @@ def single_axes(block: Block, facts: RobotFacts) -> Iterator[Block]:
     if block.law.part not in ("link", "bearing", "shift") or effect.moves:
         return
     names = effect.axes(facts)
-    width = block.columns.shape[1] // len(names)
-    for i, axis in enumerate(names if len(names) > 1 else ()):
-        columns = block.columns[:, i * width : (i + 1) * width]
-        yield Block(replace(block.law, axis=axis), columns, replace(effect, moves=axis))
+    if len(names) > 1:
+        own = np.split(block.columns, len(names), axis=1)
+        for axis, columns in zip(names, own, strict=True):
+            yield Block(replace(block.law, axis=axis), replace(effect, moves=axis), lambda columns=columns: columns)
+
+
+def _seen(moved: Motions, effect: Any) -> Array:
+    """Columns (3 R, p) m of a law of the readings."""
+    return moved.seen_columns([effect.shapes(s.reading, s.context) for s in moved.stands])
+
+
+def _pulled(moved: Motions, effect: Any) -> Array:
+    """Columns (3 R, p) m of a law of the load."""
+    return moved.seen_columns([_forced(effect, s) for s in moved.stands])
 
 
 def _forced(effect: Any, stand: Stand) -> Array:

@@ -13,9 +13,8 @@ the minima over grids of rho and tau. What e reaches by chance is told by draws 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -87,7 +86,7 @@ class _Seen:
 
 
 def evidence(
-    blocks: Sequence[Array],
+    blocks: Iterable[Array],
     fits: Reml,
     values: Array,
     *,
@@ -96,34 +95,31 @@ def evidence(
     draws: int = DRAWS,
     measured: Flags | None = None,
 ) -> Evidence:
-    """Evidence of blocks (m, k) m for readings (m,) m; effects (m, w) m: whose share each block holds is asked;
-    measured (m,): readings that there are, None: all; draws: of the noise, 0: none."""
-    count = len(blocks)
+    """Evidence of blocks (m, k) m, asked one after the other, for readings (m,) m; effects (m, w) m: whose share each
+    block holds is asked; measured (m,): readings that there are, None: all; draws: of the noise, 0: none."""
     found = int(fits.choose(values[:, None])[0])
-    draws = min(draws, max(_LARGE // len(values), 100)) if count else 0
+    draws = min(draws, max(_LARGE // len(values), 100)) if draws else 0
+    every = np.column_stack([values, null_draws(fits, found, values, draws, seed, measured)])
     places = _places(fits, found, draws > 0, len(values) > _LARGE // DRAWS)
-    drawn = null_draws(fits, found, values, draws, seed, measured)
-    every = np.column_stack([values, drawn])
-    held = np.zeros((count, 0 if effects is None else effects.shape[1]))
-    if not count:
-        return Evidence(np.zeros(0), np.zeros(draws), held)
-    without = np.full(every.shape[1], np.inf)
-    beside = np.full((count, every.shape[1]), np.inf)
-    for k in places:
-        rest = fits.left(k, every)
-        total = np.maximum(np.square(rest).sum(axis=0), 1e-300)
-        without = np.minimum(without, fits.free * np.log(total) + fits.cost[k])
-        own = None if effects is None or k != found else fits.left(k, effects)
-        for first, last in _batches(blocks):
-            some = blocks[first:last]
+    rests = [fits.left(k, every) for k in places]
+    totals = [np.maximum(np.square(rest).sum(axis=0), 1e-300) for rest in rests]
+    costs = fits.free * np.log(totals) + np.array([fits.cost[k] for k in places])[:, None]
+    effects = np.zeros((len(values), 0)) if effects is None else effects
+    own = fits.left(found, effects)
+    square = np.maximum(np.square(own).sum(axis=0), 1e-300)
+    best, held = [np.zeros((0, every.shape[1]))], [np.zeros((0, effects.shape[1]))]
+    for some in _batches(blocks):
+        best.append(np.full((len(some), every.shape[1]), np.inf))
+        held.append(np.zeros((len(some), effects.shape[1])))
+        for k, rest, total in zip(places, rests, totals, strict=True):
             for part in _parts(some, fits, k):
-                of = first + part.of
-                beside[of] = np.minimum(beside[of], _deviance(part, rest, total, fits.free) + fits.cost[k])
-                if own is not None:
-                    square = np.maximum(np.square(own).sum(axis=0), 1e-300)
-                    held[of] = np.square(part.along(own)).sum(axis=1) / square
-    e = np.where(np.isfinite(beside), 0.5 * (without - beside), 0.0)
-    return Evidence(e[:, 0], np.sort(e[:, 1:].max(axis=0)), held)
+                deviance = _deviance(part, rest, total, fits.free) + fits.cost[k]
+                best[-1][part.of] = np.minimum(best[-1][part.of], deviance)
+                if k == found:
+                    held[-1][part.of] = np.square(part.along(own)).sum(axis=1) / square
+    beside = np.concatenate(best)
+    e = np.where(np.isfinite(beside), 0.5 * (costs.min(axis=0) - beside), 0.0)
+    return Evidence(e[:, 0], np.sort(e[:, 1:].max(axis=0, initial=0.0)), np.concatenate(held))
 
 
 def prior_of(block: Array, fits: Reml, values: Array) -> float:
@@ -153,11 +149,17 @@ def _places(fits: Reml, found: int, drawn: bool, many: bool) -> list[int]:
     return [k for k in places if (found - _EVERY if many else 0) <= k <= found + _EVERY]
 
 
-def _batches(blocks: Sequence[Array]) -> list[tuple[int, int]]:
-    """From where to where blocks are whitened at once, so that not all of them are where readings are many."""
-    batch = np.cumsum([b.size for b in blocks]) // _HELD
-    edges = [0, *(int(i) + 1 for i in np.flatnonzero(np.diff(batch))), len(blocks)]
-    return list(pairwise(edges))
+def _batches(blocks: Iterable[Array]) -> Iterator[list[Array]]:
+    """Blocks that are whitened at once, so that not all of them are where readings are many."""
+    some, size = list[Array](), 0
+    for block in blocks:
+        some.append(block)
+        size += block.size
+        if size >= _HELD:
+            yield some
+            some, size = [], 0
+    if some:
+        yield some
 
 
 def _parts(blocks: Sequence[Array], fits: Reml, k: int) -> list[_Seen]:
