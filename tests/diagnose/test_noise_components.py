@@ -18,6 +18,7 @@ from qsframework.diagnose.residuals.noise_components import (
     visible,
 )
 from qsframework.estimation import Independent, LinearFit, orthonormal, shared_error
+from qsframework.estimation.variance_component import variance_component
 from qsframework.plugin import Array, Indices
 from qsframework.report.words.noise import audit_words
 
@@ -251,3 +252,35 @@ def test_a_library_that_takes_all_readings_has_no_lack_of_fit() -> None:
     white = normal(np.random.default_rng(14))
     own = replicate_basis(replicate.astype(np.intp))
     assert np.isnan(lack_p_value(white, LinearFit.onto(everything, white), LinearFit.onto(own, white), noise, one))
+
+
+@pytest.mark.parametrize("reached", [0, 6])
+def test_a_shared_error_is_as_likely_as_the_whole_covariance_says(reached: int) -> None:
+    """Against the likelihood by dense matrices, with sds that differ by row, coordinates that were not read, and
+    fitted columns that the visits reach whole."""
+    rng = np.random.default_rng(reached)
+    label = (3 * MEASUREMENT[:, None] + np.arange(3)).ravel()
+    values = 1.0 / rng.uniform(0.5, 2.0, label.size)
+    used = rng.uniform(size=label.size) > 0.05
+    Z = np.where(used[:, None] & (label[:, None] == np.arange(3 * POSES)), values[:, None], 0.0)
+    X = rng.standard_normal((label.size, 12)) * used[:, None]
+    X[:, :reached] = Z[:, :reached]
+    y = np.where(used, rng.standard_normal(label.size) + 0.8 * Z @ rng.standard_normal(3 * POSES), 0.0)
+    fit = LinearFit.onto(np.linalg.qr(X)[0], y.reshape(-1, 3), used.reshape(-1, 3))
+
+    def deviance(ratio: float) -> float:
+        V = np.eye(label.size) + ratio**2 * Z @ Z.T
+        inverse = np.linalg.inv(V)
+        A = fit.Q.T @ inverse @ fit.Q
+        by = fit.Q.T @ inverse @ fit.white
+        square = fit.white @ inverse @ fit.white - by @ np.linalg.solve(A, by)
+        return float(fit.dof * np.log(square) + np.linalg.slogdet(V)[1] + np.linalg.slogdet(A)[1])
+
+    found = variance_component(fit, values[:, None], label[:, None])
+    here = deviance(found.ratio)
+    assert all(here < deviance(near * found.ratio) for near in (0.98, 1.02))
+    assert np.isclose(found.gain, deviance(0.0) - here)
+    both = np.column_stack([fit.Q, Z])
+    beyond = fit.white - both @ np.linalg.lstsq(both, fit.white, rcond=None)[0]
+    assert np.isclose(found.rest, beyond @ beyond)
+    assert found.directions == np.linalg.matrix_rank(both) - fit.Q.shape[1]
