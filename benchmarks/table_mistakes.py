@@ -448,7 +448,7 @@ class Answer:
     hidden: str = ""
 
 
-def make(kind: Kind, number: int, seed: int, beside: float) -> tuple[Campaign, Table, Page, float, str]:
+def make(kind: Kind, number: int, seed: int, beside: float = 0.0) -> tuple[Campaign, Table, Page, float, str]:
     """A campaign with a mistake: what was measured, what the files say, with noise, and its size; beside: s of an
     effect that is hidden too, and its name."""
     first = [seed, zlib.crc32(kind.words.encode()), number]
@@ -513,7 +513,7 @@ def files(campaign: Campaign, told: Campaign, values: Sequence[Array], folder: P
     return experiment, read_readings(experiment.data, experiment)
 
 
-def ask(kind: Kind, number: int, seed: int, whole: bool, beside: float) -> Answer:
+def ask(kind: Kind, number: int, seed: int, whole: bool, beside: float = 0.0) -> Answer:
     """What is said of one case."""
     campaign, told, page, size, name = make(kind, number, seed, beside)
     setting = campaign.setting
