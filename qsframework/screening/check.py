@@ -82,16 +82,13 @@ def find_slips(experiment: Experiment, readings: Readings) -> tuple[Mistake, ...
     """Mistakes in single rows and poses alone, each applied after those before it: what stands out from an experiment
     that holds what acts at all poses."""
     out: list[Mistake] = []
-    try:
-        given = linearized(experiment, readings)
+    with suppress(*_UNIDENTIFIABLE):
         while len(out) < _MOST:
-            found = _of_rows(given, stand_out(experiment, given.readings))
+            found = _of_rows(linearized(experiment, readings), stand_out(experiment, readings))
             if not found:
                 break
             out += found
-            given = linearized(experiment, found[-1].readings)
-    except _UNIDENTIFIABLE:
-        pass
+            readings = found[-1].readings
     return tuple(out)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -122,10 +122,9 @@ def with_causes(experiment: Experiment, causes: Sequence[Cause], values: Mapping
     have = {e.name for e in experiment.model().effects}
     added = [e for c in causes for e in c.effects if e.name not in have]
 
-    def about(parameters: Iterable[Parameter]) -> tuple[Parameter, ...]:
-        return tuple(
-            replace(p, nominal=float(np.clip(values.get(p.name, p.nominal), p.lower, p.upper))) for p in parameters
-        )
+    def about(parameters: Sequence[Parameter]) -> tuple[Parameter, ...]:
+        inside = {p.name: float(np.clip(values[p.name], p.lower, p.upper)) for p in parameters if p.name in values}
+        return tuple(replace(p, nominal=inside.get(p.name, p.nominal)) for p in parameters)
 
     return experiment.with_(
         robot=replace(robot, parameters=about(robot.parameters)),

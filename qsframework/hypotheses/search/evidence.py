@@ -98,7 +98,7 @@ def evidence(
     """Evidence of blocks (m, k) m, asked one after the other, for readings (m,) m; effects (m, w) m: whose share each
     block holds is asked; measured (m,): readings that there are, None: all; draws: of the noise, 0: none."""
     found = int(fits.choose(values[:, None])[0])
-    draws = min(draws, max(_LARGE // len(values), 100)) if draws else 0
+    draws = min(draws, max(_LARGE // len(values), 100))
     every = np.column_stack([values, null_draws(fits, found, values, draws, seed, measured)])
     places = _places(fits, found, draws > 0, len(values) > _LARGE // DRAWS)
     rests = [fits.left(k, every) for k in places]
@@ -119,7 +119,7 @@ def evidence(
                     held[-1][part.of] = np.square(part.along(own)).sum(axis=1) / square
     beside = np.concatenate(best)
     e = np.where(np.isfinite(beside), 0.5 * (costs.min(axis=0) - beside), 0.0)
-    return Evidence(e[:, 0], np.sort(e[:, 1:].max(axis=0, initial=0.0)), np.concatenate(held))
+    return Evidence(e[:, 0], np.sort(e[:, 1:].max(axis=0, initial=-np.inf)), np.concatenate(held))
 
 
 def prior_of(block: Array, fits: Reml, values: Array) -> float:
