@@ -115,18 +115,15 @@ def real_readings(tell: Tell) -> tuple[list[Section], dict[str, Any]]:
 def read_as_relative(experiment: Experiment, joint: str) -> Experiment:
     """The experiment under the wrong convention: the joint's pendant angle taken as relative to the joint before."""
     (coupling,) = build_effects({"joint": joint}, experiment.robot.facts, effect=with_role("shown angle")[0])
-    (parameter,) = coupling.parameters(experiment.robot.facts)
-    return experiment.with_(
-        effects=(*experiment.effects, coupling),
-        parameters=(*experiment.parameters, replace(parameter, nominal=-1.0)),
-    )
+    wide = experiment.with_effects([coupling])
+    *others, factor = wide.parameters
+    return wide.with_(parameters=(*others, replace(factor, nominal=-1.0)))
 
 
 def with_offaxis(experiment: Experiment, joint: str, axis: str) -> Experiment:
     """The experiment with one more spring, about an axis that no motor turns."""
-    extra = build_effects({"joint": joint, "axis": axis}, experiment.robot.facts, effect=with_role("bearing")[0])
-    parameters = [p for e in extra for p in e.parameters(experiment.robot.facts)]
-    return experiment.with_(effects=(*experiment.effects, *extra), parameters=(*experiment.parameters, *parameters))
+    place = {"joint": joint, "axis": axis}
+    return experiment.with_effects(build_effects(place, experiment.robot.facts, effect=with_role("bearing")[0]))
 
 
 def _compare_models(fits: dict[str, Fit]) -> Section:

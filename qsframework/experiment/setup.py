@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -228,16 +228,19 @@ class Experiment(Viewed):
         """A copy with some fields changed."""
         return _with_geometry(replace(self, **changes))
 
+    def with_effects(self, effects: Iterable[Effect]) -> Experiment:
+        """A copy with further effects, at their nominal values; those that the arm or the campaign has stay."""
+        have = {e.name for e in (*self.robot.effects, *self.effects)}
+        more = tuple(e for e in effects if e.name not in have)
+        own = tuple(p for e in more for p in e.parameters(self.robot.facts))
+        return replace(self, effects=(*self.effects, *more), parameters=(*self.parameters, *own))
+
 
 def _with_geometry(experiment: Experiment) -> Experiment:
     """With the effects that `geometry` in `fit` stands for, where they are not there yet."""
     if GEOMETRY not in (experiment.fit or ()):
         return experiment
-    facts = experiment.robot.facts
-    more = _geometry(experiment.robot, experiment.effects)
-    added = tuple(p for e in more for p in e.parameters(facts))
-    effects, parameters = (*experiment.effects, *more), (*experiment.parameters, *added)
-    return replace(experiment, effects=effects, parameters=parameters) if more else experiment
+    return experiment.with_effects(_geometry(experiment.robot, experiment.effects))
 
 
 def _geometry(robot: Robot, effects: tuple[Effect, ...]) -> tuple[Effect, ...]:

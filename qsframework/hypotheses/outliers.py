@@ -146,17 +146,14 @@ def _carried(seen: ObservationModel) -> Flags:
 def widened(experiment: Experiment, readings: Readings) -> ObservationModel:
     """The bridge of the model with geometry, springs and sag added, where the robot has room for them."""
     robot = experiment.robot
-    have = {e.name for e in (*robot.effects, *experiment.effects)}
     more: list[Effect] = []
     for kind in (kind for role in _WHOLE for kind in with_role(role)):
         everywhere = {plural(place): "all" for place in place_fields(kind)}
         try:
-            built = build_effects(everywhere, robot.facts, tuple(m.name for m in experiment.markers), kind)
+            more += build_effects(everywhere, robot.facts, tuple(m.name for m in experiment.markers), kind)
         except InputError:
             continue
-        more += [e for e in built if e.name not in have]
-    own = tuple(p for e in more for p in e.parameters(robot.facts))
-    wide = experiment.with_(effects=(*experiment.effects, *more), parameters=(*experiment.parameters, *own))
+    wide = experiment.with_effects(more)
     model = wide.model()
     names = {*model.of_role(*_WHOLE), *experiment.fit_names()}
     return observation_model(wide, readings, [n for n in model.names if n in names], linear=True)

@@ -118,18 +118,15 @@ def find_causes(
 def with_causes(experiment: Experiment, causes: Sequence[Cause], values: Mapping[str, float]) -> Experiment:
     """The experiment with causes among its effects, their parameters fitted too; values: by name, SI, that are nominal
     from now on."""
-    facts, robot = experiment.robot.facts, experiment.robot
-    have = {e.name for e in experiment.model().effects}
-    added = [e for c in causes for e in c.effects if e.name not in have]
+    wide = experiment.with_effects(e for c in causes for e in c.effects)
 
     def about(parameters: Sequence[Parameter]) -> tuple[Parameter, ...]:
         inside = {p.name: float(np.clip(values[p.name], p.lower, p.upper)) for p in parameters if p.name in values}
         return tuple(replace(p, nominal=inside.get(p.name, p.nominal)) for p in parameters)
 
-    return experiment.with_(
-        robot=replace(robot, parameters=about(robot.parameters)),
-        effects=(*experiment.effects, *added),
-        parameters=about([*experiment.parameters, *(p for e in added for p in e.parameters(facts))]),
+    return wide.with_(
+        robot=replace(wide.robot, parameters=about(wide.robot.parameters)),
+        parameters=about(wide.parameters),
         fit=(*experiment.fit_names(), *(n for c in causes for n in c.names)),
     )
 

@@ -26,7 +26,7 @@ def couplings(experiment: Experiment, readings: Readings) -> Iterator[Hypothesis
     markers = tuple(m.name for m in experiment.markers)
     for effect in (e for kind in with_role("shown angle") for e in kind.places(robot.facts, markers)):
         (own,) = effect.parameters(robot.facts)
-        here = experiment if own.name in held else experiment.with_(effects=(*experiment.effects, effect))
+        here = experiment.with_effects([effect])
         others = tuple(p for p in experiment.parameters if p.name != own.name)
         for value in (1.0, -1.0):
             fixed = replace(own, nominal=held.get(own.name, 0.0) + value)

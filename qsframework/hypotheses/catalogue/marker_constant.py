@@ -84,10 +84,7 @@ def _moved(fit: Linearized, marker: str) -> Array:
     (kind,) = with_role("marker offset")
     names = tuple(m.name for m in experiment.markers)
     effects = build_effects({field: marker for field in place_fields(kind)}, experiment.robot.facts, names, kind)
-    own = {e.name for e in experiment.model().effects}
-    more = tuple(e for e in effects if e.name not in own)
-    told = tuple(p for e in more for p in e.parameters(experiment.robot.facts))
-    wide = experiment.with_(effects=(*experiment.effects, *more), parameters=(*experiment.parameters, *told))
+    wide = experiment.with_effects(effects)
     wanted = [p.name for e in effects for p in e.parameters(experiment.robot.facts)]
     seen = observation_model(wide, rows.readings, wanted, linear=True, rows=rows)
     return rows.flat(rows.rates(seen.model, seen.x, seen.frames, wanted, linear=True)[1])[:, seen.motions :]
