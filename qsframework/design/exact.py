@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -20,6 +20,12 @@ _PASSES = 50
 _TRIED = 48
 _RIDGE = 1e-9
 _KINK = 1e-2
+_APART = 3
+"""One of so many starts has nothing of the others."""
+_AT_ONCE = 4
+"""Starts from one best plan: as many can be climbed side by side."""
+_SHARE = 8
+"""One of so many poses of the best plan is drawn anew; a plan of fewer starts anew each time."""
 Progress = Callable[[int, int], None]
 
 
@@ -85,6 +91,9 @@ def exchange(
 ) -> Indices:
     """Indices (n,) of the best plan found from `starts` starts; the first rounds `weights`.
 
+    A third of them are random; each later one is the best plan so far with some of its poses drawn anew, which leads
+    farther in less time.
+
     Raises NotIdentifiable if no start gives a plan of full rank.
     """
     four = rows[:, None] if rows.ndim == 3 else rows
@@ -94,15 +103,21 @@ def exchange(
     slots = tuple(g for g, count in enumerate(quotas.counts) for _ in range(count))
     board = _Board(rows=four, moments=moments, prior=before, rule=rule, quotas=quotas, slots=slots)
     best, best_value = None, np.inf
-    firsts = [
-        _rounded(weights, quotas, rng) if start == 0 and weights is not None else _random(quotas, weights, rng)
-        for start in range(starts)
-    ]
-    for start, (chosen, value) in enumerate(run(_climb, board, firsts, work)):
-        if value < best_value:
-            best, best_value = chosen, value
-        if progress is not None:
-            progress(start + 1, starts)
+    done = 0
+    while done < starts:
+        if done == 0:
+            apart = starts if quotas.poses < _SHARE else max(1, starts // _APART)
+            firsts = [_random(quotas, weights, rng) for _ in range(apart)]
+            firsts[0] = firsts[0] if weights is None else _rounded(weights, quotas, rng)
+        else:
+            some = range(min(_AT_ONCE, starts - done))
+            firsts = [_random(quotas, weights, rng, () if best is None else _kept(best, rng)) for _ in some]
+        for chosen, value in run(_climb, board, firsts, work):
+            done += 1
+            if value < best_value:
+                best, best_value = chosen, value
+            if progress is not None:
+                progress(done, starts)
     if best is None:
         raise NotIdentifiable(
             f"no plan of {quotas.poses} poses identifies all {four.shape[-1]} parameters; ask for more poses, "
@@ -139,12 +154,26 @@ def _rounded(weights: Array, quotas: Quotas, rng: np.random.Generator) -> Indice
     return np.array(chosen)
 
 
-def _random(quotas: Quotas, weights: Array | None, rng: np.random.Generator) -> Indices:
-    """Random candidates, half of the starts drawn by weight where there are weights."""
+def _kept(chosen: Indices, rng: np.random.Generator) -> Indices:
+    """A plan (n,) without some of its poses, -1 in their place."""
+    out = chosen.copy()
+    out[rng.choice(len(out), max(2, len(out) // _SHARE), replace=False)] = -1
+    return out
+
+
+def _random(
+    quotas: Quotas, weights: Array | None, rng: np.random.Generator, kept: Sequence[int] | Indices = ()
+) -> Indices:
+    """Random candidates, half of the starts drawn by weight where there are weights; kept (n,): those that stay, by
+    their slots, -1: none."""
+    stay = dict(enumerate(np.asarray(kept, dtype=np.intp).tolist()))
     chosen: list[int] = []
-    taken: set[int] = set()
+    taken = {int(quotas.place[i]) for i in stay.values() if i >= 0}
     weighted = weights is not None and rng.random() < 0.5
-    for group in _slots(quotas):
+    for slot, group in enumerate(_slots(quotas)):
+        if stay.get(slot, -1) >= 0:
+            chosen.append(stay[slot])
+            continue
         members = quotas.groups[group]
         keys = rng.exponential(size=len(members))
         if weighted and weights is not None:
