@@ -1,8 +1,8 @@
-"""Sixteen effects of the second generator that no library holds: the third of three sets of like difficulty.
+"""Sixteen effects of the second generator that no library holds: the third of four sets of like difficulty.
 
 They were written by somebody who had not seen what is to find them: memory, thresholds, hidden states and smooth laws,
 at drives, bearings, links, base, tool, a marker, the load and the readings. None is in `touched.py`, `untouched.py` or
-the other two sets.
+the other sets.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Groups: `second_effects`, causes that the library holds; `second_nulls`, nothing hidden, for each noise and number of
 poses; `second_structures`, arms that are not those of their files. Effects that no library holds run only where they
 are asked for: `untouched`, of `untouched.py`, which no threshold is ever tuned on, `touched`, of `touched.py`, on which
-learning was developed, and `kinds_a`, `kinds_b` and `kinds_c`, three more sets of like difficulty.
+learning was developed, and `kinds_a` to `kinds_d`, four more sets of like difficulty.
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ from independent_effects import SHOWN, Places, campaign_for, hide, structures
 from kinds_a import KINDS_A
 from kinds_b import KINDS_B
 from kinds_c import KINDS_C
+from kinds_d import KINDS_D
 from scipy.stats import f
 from touched import TOUCHED
 from untouched import UNTOUCHED
@@ -47,7 +48,8 @@ if TYPE_CHECKING:
     from qsframework.diagnose import Diagnosis
 
 GROUPS = ("second_effects", "second_nulls", "second_structures")
-_UNKNOWN = {"untouched": UNTOUCHED, "touched": TOUCHED, "kinds_a": KINDS_A, "kinds_b": KINDS_B, "kinds_c": KINDS_C}
+_SETS = {"kinds_a": KINDS_A, "kinds_b": KINDS_B, "kinds_c": KINDS_C, "kinds_d": KINDS_D}
+_UNKNOWN = {"untouched": UNTOUCHED, "touched": TOUCHED, **_SETS}
 ASKED = tuple(_UNKNOWN)
 FILES = (
     "independent.py",
