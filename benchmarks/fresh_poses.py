@@ -151,18 +151,21 @@ def spoken(found: Diagnosis) -> list[tuple[set[str], set[str]]]:
 
 
 def among(found: Diagnosis) -> list[tuple[set[str], set[str]]]:
-    """The same of all that the answer leaves open: each place where what is left may be, by its likeliest law; else the
-    alternatives of names, too."""
+    """The same of all that the answer leaves open: each place where what is left may be, or what acts in the place of a
+    name, by its likeliest law; and without a law the alternatives of names."""
     facts = found.experiment.robot.facts
+    places = [_words(law, facts) for x in found.places for law in (x.law, *x.equivalent)]
     if found.leftovers or found.learned is not None:
-        return [*spoken(found), *(_words(law, facts) for x in found.places for law in (x.law, *x.equivalent))]
-    return [*spoken(found), *(named_words(r.name, facts) for f in found.findings for r in f.alternatives)]
+        return [*spoken(found), *places]
+    names = [named_words(r.name, facts) for f in found.findings for r in f.alternatives]
+    return [*spoken(found), *places, *names]
 
 
 def alike(found: Diagnosis) -> list[tuple[set[str], set[str]]]:
-    """Words for the places that move the markers as the likeliest one does."""
+    """Words for the places that move the markers as the first one that the answer says does."""
     facts = found.experiment.robot.facts
-    return [_words(law, facts) for place in found.places[:1] for law in place.equivalent]
+    first = found.places[:1] if found.leftovers or found.learned is not None else ()
+    return [_words(law, facts) for place in first for law in place.equivalent]
 
 
 def named_words(name: str, facts: Any) -> tuple[set[str], set[str]]:

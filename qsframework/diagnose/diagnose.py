@@ -20,7 +20,7 @@ from qsframework.diagnose.named_causes import (
     held_out_gain,
 )
 from qsframework.diagnose.options import LEVEL, Level
-from qsframework.diagnose.remaining import Remaining, races_of, with_alternatives
+from qsframework.diagnose.remaining import Beside, Remaining, with_alternatives
 from qsframework.diagnose.residuals.audited_rows import lone_visits, misfit
 from qsframework.diagnose.residuals.noise_components import NoiseAudit
 from qsframework.diagnose.result import Diagnosis, Errors, Method, NamedCause, Value, left_open
@@ -87,13 +87,15 @@ def diagnose(
         found, structure = beside_structures(start, found, options, tell)
         mistakes = (*structure, *mistakes)
     tell("test for remaining signal")
-    found, remaining = tested(found, options)
-    return _told(found, remaining, options, tell, mistakes=mistakes, given=(experiment, readings), one_pose=one_pose)
+    found, remaining, beside = tested(found, options)
+    given = experiment, readings
+    return _told(found, remaining, beside, options, tell, mistakes=mistakes, given=given, one_pose=one_pose)
 
 
 def _told(
     found: FoundCauses,
     remaining: Remaining,
+    beside: Beside,
     options: SearchOptions,
     tell: Callable[[str], None],
     *,
@@ -109,7 +111,6 @@ def _told(
     tell("table")
     threshold = library.scores.threshold(options.of_library)
     findings = findings_of(library, found.answers, base.fit, held, threshold, base.pose_names(), options.seed)
-    beside = races_of(found)
     findings = (*_mistakes_as_causes(mistakes), *with_alternatives(findings, remaining, beside))
     certain = _certain(found, findings)
     learned = best_law(found, certain, remaining, options)
@@ -127,7 +128,7 @@ def _told(
         conventions=tuple(mistakes),
         audit=audit,
         leftovers=remaining.leftovers,
-        places=remaining.places,
+        places=remaining.places or (known.race.likely() if any(f.instead for f in findings) else ()),
         before=misfit(base.experiment, base.readings, base.rows, base.fit),
         after=after,
         rms=_errors(base, extended, held, given, audit),

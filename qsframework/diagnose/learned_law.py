@@ -12,7 +12,7 @@ from qsframework.diagnose.baseline import Baseline
 from qsframework.diagnose.learn import shares
 from qsframework.diagnose.likeness import alike
 from qsframework.diagnose.named_causes import FoundCauses, SearchOptions, held_out_gain
-from qsframework.diagnose.remaining import NOTHING, Remaining, remaining_beside
+from qsframework.diagnose.remaining import NOTHING, Beside, Remaining, beaten_names, races_of, remaining_beside
 from qsframework.diagnose.result import LearnedLaw
 from qsframework.hypotheses.catalogue.causes import Cause, widened
 from qsframework.hypotheses.exact_refit import SettledFit, averaged_fit
@@ -22,19 +22,25 @@ _PREDICTS = 0.98
 """Share of the held-out error with some names below which a law stands in their place."""
 
 
-def tested(found: FoundCauses, options: SearchOptions) -> tuple[FoundCauses, Remaining]:
-    """The test for remaining signal, and what stands after it: names that a law is far ahead of drop out, and the law
-    remains, where it also predicts held-out poses better than they do."""
+def tested(found: FoundCauses, options: SearchOptions) -> tuple[FoundCauses, Remaining, Beside]:
+    """The test for remaining signal, and what stands after it: where names leave nothing, those that some place is far
+    ahead of drop out; so do those that one law is far ahead of, and the law remains, where it also predicts held-out
+    poses better than they do; and how places compete beside names."""
+    beside = races_of(found)
     if not options.largest:
-        return found, NOTHING
+        return found, NOTHING, beside
     remaining = remaining_beside(found.base, found.causes, found.extended, options)
+    beaten = beaten_names(found.causes, beside) if not remaining.leftovers else set[str]()
+    if beaten and found.plain is not None:
+        found = found.without(tuple(beaten))
+        remaining, beside = remaining_beside(found.base, found.causes, found.extended, options), races_of(found)
     if not remaining.beaten or found.plain is None:
-        return found, remaining
+        return found, remaining, beside
     rest = found.without(tuple(remaining.beaten))
     after = remaining_beside(rest.base, rest.causes, rest.extended, options)
     law = best_law(rest, rest.extended, after, options)
     better = law is not None and law.heldout < _PREDICTS * held_out_gain(found, options).rms_extended
-    return (rest, after) if better else (found, remaining)
+    return (rest, after, races_of(rest)) if better else (found, remaining, beside)
 
 
 def best_law(

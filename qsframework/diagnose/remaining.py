@@ -12,6 +12,7 @@ from qsframework.diagnose.baseline import Baseline, fits_beside
 from qsframework.diagnose.learn import LawTrial, foretold, law_trials
 from qsframework.diagnose.named_causes import FoundCauses, SearchOptions
 from qsframework.diagnose.remaining_signal import (
+    BEATS,
     Likely,
     finest,
     named_in,
@@ -178,17 +179,26 @@ def races_of(found: FoundCauses) -> Beside:
     return beside
 
 
+def likelier_place(name: str, others: Collection[str], beside: Beside) -> Leftover | None:
+    """The likeliest law of the likeliest place beside the other names, with the nats by which it is ahead of a name;
+    None where the causes are plainly ahead of all places."""
+    race = beside(frozenset(others)).race
+    if not race.parts or race.causes_ahead > _AHEAD:
+        return None
+    first = race.parts[0]
+    return Leftover(first.told(1.0).law, float("nan"), first.evidence - race.causes.get(name, 0.0))
+
+
+def beaten_names(causes: Sequence[Cause], beside: Beside) -> set[str]:
+    """The causes that some place is far ahead of, whatever law makes it move."""
+    names = {c.name for c in causes}
+    law = {name: likelier_place(name, names - {name}, beside) for name in names}
+    return {name for name, x in law.items() if x is not None and x.evidence > BEATS}
+
+
 def with_alternatives(findings: Sequence[NamedCause], remaining: Remaining, beside: Beside) -> tuple[NamedCause, ...]:
-    """The names, each with the law that stands in its place as well: by the test for remaining signal, or, where the
-    causes are not plainly ahead of all places beside the other names, the likeliest law of these."""
-    out: list[NamedCause] = []
-    for f in findings:
-        instead = remaining.alternatives.get(f.name)
-        if instead is None:
-            race = beside(frozenset(x.name for x in findings if x is not f)).race
-            first = next((e for e in race.entries if not e.is_repeatability), None)
-            if first is not None and race.causes_ahead <= _AHEAD:
-                ahead = first.evidence - race.causes.get(f.name, 0.0)
-                instead = Leftover(first.told(1.0).law, float("nan"), ahead)
-        out.append(replace(f, instead=instead))
-    return tuple(out)
+    """The names, each with the law that stands in its place as well: by the test for remaining signal, or else by the
+    places that compete beside the other names."""
+    names = [f.name for f in findings]
+    law = {n: remaining.alternatives.get(n) or likelier_place(n, {*names} - {n}, beside) for n in names}
+    return tuple(replace(f, instead=law[f.name]) for f in findings)

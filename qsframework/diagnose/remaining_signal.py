@@ -29,7 +29,7 @@ _ODDS = 0.1
 """Of all blocks that do not hold a name together, against it."""
 _LEAST = 6.2
 """Nats from which on something is left, whatever the draws of plain noise say: real noise has tails and grows."""
-_BEATS = 3.0
+BEATS = 3.0
 """Nats by which a block that holds a name may be better; beyond them any block may stand in its place."""
 _NEAR = 6.0
 """Nats below the likeliest law within which one axis of a place may be likelier still."""
@@ -118,9 +118,9 @@ def open_alternative(
     found = evidence(columns, fits, values + name.effect, effects=name.effect[:, None], draws=0)
     ahead, holds = found.e[1:] - found.e[0], found.held[1:, 0] >= _HOLDS
     odds = np.where(holds, 0.0, np.exp(np.minimum(ahead, 50.0)))
-    beaten = np.max(ahead, where=holds, initial=-np.inf) > _BEATS
+    beaten = np.max(ahead, where=holds, initial=-np.inf) > BEATS
     if odds.sum() < _ODDS and not beaten:
         return None
-    margin: Array = ahead - np.where(holds, _BEATS, np.log(_ODDS))
+    margin: Array = ahead - np.where(holds, BEATS, np.log(_ODDS))
     best = int(np.argmax(margin))
-    return Leftover(blocks[best].law, float("nan"), float(ahead[best])), bool(ahead[best] > _BEATS)
+    return Leftover(blocks[best].law, float("nan"), float(ahead[best])), bool(ahead[best] > BEATS)

@@ -251,10 +251,10 @@ class Diagnosis(Viewed):
 
     baseline and extended: the exact fits without and with the named causes, certain: with those that are not doubtful,
     over the rows `kept` of `readings`; learned: a law that was learned of what the names leave; places: where that may
-    be, which hold 95 % of the evidence together; outliers: rows that belong to nothing; case: linearised at the
-    baseline; before, after: their lack of fit; account: of the baseline, with the causes that are open: named and not
-    doubtful; known: where something is open, the names that are certain; settled: the exact fit with these;
-    competition: of all places and the other causes beside them
+    be, or what acts in the place of an open name, which hold 95 % of the evidence together; outliers: rows that belong
+    to nothing; case: linearised at the baseline; before, after: their lack of fit; account: of the baseline, with the
+    causes that are open: named and not doubtful; known: where something is open, the names that are certain; settled:
+    the exact fit with these; competition: of all places and the other causes beside them
     """
 
     account: Account

@@ -86,6 +86,7 @@ def _causes(diagnosis: Diagnosis) -> Iterator[Block]:
             yield Text(f"{f.name} rests on poses {sets}: without them another answer, or none, fits as well.")
     if diagnosis.leftovers:
         yield tables.leftover_table(diagnosis)
+    if diagnosis.places:
         yield tables.place_table(diagnosis)
     if diagnosis.learned is not None:
         yield from plots.learned_figure(diagnosis, diagnosis.learned)

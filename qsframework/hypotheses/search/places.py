@@ -103,22 +103,27 @@ class Competition:
     causes: Mapping[str, float]
 
     @property
+    def parts(self) -> list[RankedPlace]:
+        """All but the repeatability, the likeliest first."""
+        return [e for e in self.entries if not e.is_repeatability]
+
+    @property
     def margin(self) -> float:
         """Nats by which some part of the arm moves rather than nothing, or all readings of a visit together, which is
         repeatability."""
-        parts = [e.evidence for e in self.entries if not e.is_repeatability]
+        parts = [e.evidence for e in self.parts]
         other = [0.0, *(e.evidence for e in self.entries if e.is_repeatability)]
         return _mean(parts) - float(np.logaddexp.reduce(other)) if parts else -np.inf
 
     @property
     def causes_ahead(self) -> float:
         """Nats by which the causes of the library are likelier than places, one on average against the other."""
-        parts = [e.evidence for e in self.entries if not e.is_repeatability]
+        parts = [e.evidence for e in self.parts]
         return _mean(list(self.causes.values())) - _mean(parts) if parts and self.causes else -np.inf
 
-    def likely(self, blocks: Sequence[tuple[Law, float]]) -> tuple[LikelyPlace, ...]:
+    def likely(self, blocks: Sequence[tuple[Law, float]] = ()) -> tuple[LikelyPlace, ...]:
         """The places that hold 95 % of the evidence, the likeliest first; half of it is that of blocks (nats)."""
-        parts = [e for e in self.entries if not e.is_repeatability]
+        parts = self.parts
         odds = _shares([e.evidence for e in parts])
         more = np.zeros(len(parts))
         for (law, _), share in zip(blocks, _shares([e for _, e in blocks]), strict=True):
