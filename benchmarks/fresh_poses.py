@@ -36,7 +36,7 @@ _SAME: dict[str, set[str]] = {
     "side": {"approach"},
     "approach": {"came"},
     "direction": {"came"},
-    "hysteresis": {"came"},
+    "hysteresis": {"came", "before"},
     "other torque": {"others"},
     "drift": {"order"},
 }

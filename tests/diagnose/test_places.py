@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import second_generator
-from independent import noisy, write_campaign
+from independent import Setting, forces, noisy, write_campaign
 from independent_arm import COILED, SEVEN, Arm
 
 from qsframework.diagnose import diagnose
@@ -28,14 +29,17 @@ from qsframework.hypotheses.search.places import (
     compete,
 )
 from qsframework.plugin import Array
+from qsframework.report.words.law import variable_words
 from tests.diagnose.clean_fit import clean_fit
 
 _TG = np.geomspace(0.1, 12.0, 7)
 
 
-def campaign(arm: Arm, folder: Path, kind: str = "displacements", poses: int = 14) -> tuple[Motions, Reml, Array]:
+def campaign(
+    arm: Arm, folder: Path, kind: str = "displacements", poses: int = 14, **setting: Any
+) -> tuple[Motions, Reml, Array]:
     """What moves in a clean campaign, its fits, and what its noise left."""
-    _, rows, fit = clean_fit(arm, folder, poses=poses, kind=kind)
+    _, rows, fit = clean_fit(arm, folder, poses=poses, kind=kind, **setting)
     moved = motions(fit.model, rows, fit.x, fit.frames)
     return moved, fits_beside(rows, rows.padded_noise.colour(fit.jacobian)), fit.residuals.ravel()
 
@@ -118,6 +122,20 @@ def test_a_law_is_told_where_it_is_plain(tmp_path: Path) -> None:
     assert (first.law.part, first.law.place) == ("drive", "j3")
     assert "j5" in first.law.by
     assert race.margin > 5.0
+
+
+def test_what_the_load_before_has_left_is_told(tmp_path: Path) -> None:
+    """The third drive gives more after large loads: what hung at the visit before counts, at the first one nothing."""
+    loads = forces(Setting(COILED, loads="many"))
+    pull = loads[np.random.default_rng(0).integers(len(loads), size=40)]  # in turns, the one before would say the next
+    moved, fits, left = campaign(COILED, tmp_path, poses=40, pull=pull)
+    of, size = place(moved, "drive", "j3"), np.linalg.norm(pull, axis=1)
+    assert np.array_equal(moved.rows.plus, np.repeat(np.arange(40), 3)), "three markers a visit, as they were measured"
+    before = np.repeat([0.0, *size[:-1]], 3)
+    values = left + (of.plus[..., 0] * (2e-4 * before / size.max())[:, None]).ravel()
+    first = compete(moved, fits, values, {}).likely()[0]
+    assert (first.law.part, first.law.place, first.law.by) == ("drive", "j3", ("loaded", "before"))
+    assert variable_words(first.law) == "the load that hung before (once a load hangs)"
 
 
 def test_half_of_the_evidence_is_that_of_blocks(tmp_path: Path) -> None:

@@ -293,6 +293,8 @@ def test_what_acts_in_the_place_of_an_open_name_is_said_with_its_odds(real: Diag
         )
         said = f"{odds} something moves the drive of joint_4 with the torque there (or the bearing of joint_5)"
         assert said in headline(found)
-        assert "If it is no cause of the library, most likely something moves the drive of joint_4" in diagnosis_words(found)
+        assert "If it is no cause of the library, most likely something moves the drive of joint_4" in diagnosis_words(
+            found
+        )
         assert "from the bearing of joint_5 (30 %)" in diagnosis_words(found)
         assert place_table(found).rows[0][:2] == ("the drive of joint_4", "70 %")

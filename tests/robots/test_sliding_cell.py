@@ -14,6 +14,11 @@ from typer.testing import CliRunner
 from qsframework.applications.conformance import check_robot
 from qsframework.cli.main import app
 from qsframework.errors import InputError
+from qsframework.experiment import load_experiment, make_rows, read_readings
+from qsframework.hypotheses.catalogue.generic_laws import motions
+from qsframework.hypotheses.catalogue.law import Law
+from qsframework.hypotheses.catalogue.place_motions import variables
+from qsframework.report.words.law import variable_words
 from qsframework.robot import Robot, load_robot
 from qsframework.robot.kinematics import joint_frames
 
@@ -68,6 +73,19 @@ def test_tables_have_the_track_in_millimetres_inside_the_experiments_limits(cell
         assert all(-90.0 <= float(r["q2_deg"]) <= 90.0 for r in read)
     assert len({r["q1_mm"] for r in rows(cell / "plan.csv")}) > 1
     assert "J1 mm" in (cell / "plan.html").read_text()
+
+
+def test_a_law_may_follow_the_travel_of_the_track(cell: Path) -> None:
+    experiment = load_experiment(cell / "experiment.yaml")
+    rows, model = make_rows(read_readings(cell / "readings.csv", experiment)), experiment.model()
+    moved = motions(model, rows, model.nominal, ())
+    own = {v.name: v.features for v in variables(moved)}
+    assert [name for name in own if name.startswith("travel")] == ["travel j1"]
+    travel = moved.plus.q[:, 0]
+    X = np.column_stack([np.ones(len(travel)), own["travel j1"][moved.plus.state]])
+    off = travel - X @ np.linalg.lstsq(X, travel, rcond=None)[0]
+    assert np.abs(off).max() < 0.1 * np.ptp(travel), "smooth functions of where the track stands"
+    assert variable_words(Law("link", "l1", ("loaded", "travel j1"))) == "the travel of j1 (once a load hangs)"
 
 
 def test_the_fit_has_the_track_in_micrometres_per_newton(cell: Path) -> None:

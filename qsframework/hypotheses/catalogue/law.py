@@ -24,13 +24,15 @@ FACTORS = (
     "approach",
     "force",
     "direction",
+    "before",
 )
 """On what it may depend beside angles: the torque there, torques about other axes, the moments
 where an end shifts, where gravity points, the order of
-the readings, from where the joint came, that a load hangs, nothing, a column that was recorded, the load's force."""
+the readings, from where the joint came, that a load hangs, nothing, a column that was recorded, the load's force, the
+load that hung before."""
 _NEAR = 2.0
 """Joints away from a place within which what a joint does can act there: through a shaft, a cable, a casting."""
-OF_A_JOINT = ("torque ", "came ")
+OF_A_JOINT = ("torque ", "came ", "travel ")
 """Begin factors that are of another joint, by its name."""
 
 

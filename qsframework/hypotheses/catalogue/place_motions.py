@@ -162,17 +162,33 @@ def variables(moved: Motions) -> tuple[Variable, ...]:
         add("+".join(joints), np.column_stack([np.cos(angle), np.sin(angle)]), _ANGLE)
     torque = over_states(moved, [s.torque[:, : facts.n] for s in stands])
     came = over_states(moved, [s.context.came for s in stands])
+    for joint, slides in zip(facts.joints, facts.sliding, strict=True):
+        travel = q[:, [facts.joint_index(joint)]]
+        if slides:
+            add(f"travel {joint}", travel / (np.ptp(travel) or 1.0), _LARGEST)
     for joint in facts.driven:
         k = facts.joint_index(joint)
         add(f"torque {joint}", torque[:, [k]] / (np.abs(torque[:, k]).max() or 1.0), _LARGEST)
         add(f"came {joint}", np.tanh(came[:, [k]] / _ANGLE), _ANGLE)
-    add("order", over_states(moved, [s.context.order[:, None] for s in stands]), _ORDER)
+    order = over_states(moved, [s.context.order[:, None] for s in stands])
+    add("order", order, _ORDER)
     add("attitude", over_states(moved, [s.rotation[:, 2] for s in stands]), _TURN)
     force = over_states(moved, [s.context.poses.wrench[:, :3] * float(s.context.loaded) for s in stands])
     size: Array = np.linalg.norm(force, axis=1)
     add("force", size[:, None] / (size.max() or 1.0), _LARGEST)
     add("direction", force / np.where(size > 0.0, size, 1.0)[:, None], _TURN)
+    add("before", _hung_before(force, order[:, 0]) / (size.max() or 1.0), _LARGEST)
     return tuple(out)
+
+
+def _hung_before(force: Array, order: Array) -> Array:
+    """The load (S, 3) N that hung last before each state, 0 before the first."""
+    rows = np.argsort(order, kind="stable")
+    hung = np.where(np.any(force[rows] != 0.0, axis=1), np.arange(len(rows)), -1)
+    last = np.concatenate([[-1], np.maximum.accumulate(hung)[:-1]])
+    out = np.zeros_like(force)
+    out[rows] = np.where(last[:, None] >= 0, force[rows][last], 0.0)
+    return out
 
 
 def law_columns(

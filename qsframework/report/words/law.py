@@ -21,6 +21,7 @@ _FACTORS = {
     "approach": "the side of approach",
     "force": "the force of the load",
     "direction": "the direction of the load",
+    "before": "the load that hung before",
     "always": "nothing (a constant)",
 }
 _STATES = ("loaded", "always")
@@ -64,7 +65,11 @@ def variable_words(law: Law) -> str:
 def _factor_words(factor: str, angle: bool) -> str:
     what, _, joint = factor.partition(" ")
     if not angle:
-        other = {"torque": f"the torque at {joint}", "came": f"the way by which {joint} came"}
+        other = {
+            "torque": f"the torque at {joint}",
+            "came": f"the way by which {joint} came",
+            "travel": f"the travel of {joint}",
+        }
         return other[what] if joint else _FACTORS[factor]
     joints = factor.split("+")
     return f"the angle of {' and '.join(joints)}{' together' if joints[1:] else ''}"
