@@ -9,7 +9,7 @@ from pathlib import Path
 from typer.testing import CliRunner
 
 from qsframework.cli.main import app
-from qsframework.experiment import example, load_experiment
+from qsframework.experiment import example
 from qsframework.robot.search import find_robot
 
 EXPERIMENT = example("m900ib") / "experiment.yaml"
@@ -71,7 +71,9 @@ def make_reports(folder: Path, task: Path = TASK) -> Reports:
     unseen = folder / "unseen.csv"
     CliRunner().invoke(app, ["simulate", str(EXPERIMENT), str(plan), "--seed", "5", "-o", str(unseen)])
     out.run("validate", "validate", EXPERIMENT, fit, unseen, reads=[*campaign, fit, unseen])
-    out.run("identify_positions", "identify", states, reads=[states, *load_experiment(states).data])
+    few, lines = folder / "states.csv", (states.parent / "series_d.csv").read_text().splitlines(keepends=True)
+    few.write_text("".join([*lines[:3], *lines[3::6]]))
+    out.run("identify_positions", "identify", states, few, reads=[states, few])
     out.run("diagnose", "diagnose", EXPERIMENT, readings, reads=[*campaign, readings])
     out.run("foresee", "diagnose", EXPERIMENT, plan, reads=[*campaign, plan])
     targets = folder / "targets.csv"

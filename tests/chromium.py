@@ -22,7 +22,7 @@ _ONLY_HERE = "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1"
 
 
 class Browser:
-    """One page of one browser; what it logged as an error, and what it asked of other hosts."""
+    """One page of one browser; what it logged, of this the errors, and what it asked of other hosts."""
 
     def __init__(self, folder: Path, address: str, own: str = "") -> None:
         """own: how addresses begin that may be asked for; the page's own where nothing is said."""
@@ -39,7 +39,7 @@ class Browser:
         self._open = ExitStack()
         address_of_page = pages[0]["webSocketDebuggerUrl"]
         self._socket: ClientConnection = self._open.enter_context(connect(address_of_page, max_size=None))
-        self._number, self.errors, self.foreign = 0, list[str](), list[str]()
+        self._number, self.errors, self.foreign, self.logged = 0, list[str](), list[str](), list[str]()
         self._own = own or address
         for domain in ("Runtime", "Log", "Network", "Page"):
             self._ask(f"{domain}.enable")
@@ -74,7 +74,7 @@ class Browser:
     def go(self, address: str, ready: str) -> None:
         """Open another page and wait for a condition in it."""
         self._ask("Page.navigate", url=address)
-        self.until(f"location.href === {json.dumps(address)} && ({ready})")
+        self.until(f"location.href.split('#')[0] === {json.dumps(address.partition('#')[0])} && ({ready})")
 
     def size(self, width: int, height: int) -> None:
         """Give the page the size of another screen."""
@@ -110,8 +110,15 @@ class Browser:
                 assert "error" not in said, said["error"]
                 return dict(said["result"])
 
+    def forget(self) -> None:
+        """What was logged and asked so far, for it was another test's."""
+        for told in (self.errors, self.foreign, self.logged):
+            told.clear()
+
     def _hear(self, said: dict[str, Any]) -> None:
         params = said.get("params", {})
+        if said.get("method") in ("Runtime.consoleAPICalled", "Log.entryAdded") and "GPU stall" not in str(params):
+            self.logged.append(str(params))
         if said.get("method") == "Runtime.exceptionThrown":
             self.errors.append(str(params["exceptionDetails"]))
         if said.get("method") == "Runtime.consoleAPICalled" and params["type"] == "error":

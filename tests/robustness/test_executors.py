@@ -240,7 +240,7 @@ def test_dask_gives_the_same_bits_though_a_worker_is_killed(
         assert [p.line for p in caught.value.problems] == [3, None]
         with pytest.raises(TimeoutError, match="the task's own"):
             list(run(too_late, None, range(2), dask))
-        monkeypatch.setattr(workers, "ALONE", 3.0)
+        monkeypatch.setattr(workers, "ALONE", 0.5)
         left = run(spectrum, shared(sleep=0.15), tasks(COUNT), dask)
         next(left)
         cluster.workers[1].send_signal(signal.SIGKILL)
@@ -255,7 +255,8 @@ def test_a_worker_that_stops_answering_is_given_up(
     tmp_path: Path, wanted: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A partition: its connections stay open, its tasks and what it holds never come."""
-    monkeypatch.setenv("DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL", "5 s")  # 5 minutes by default
+    # 5 minutes by default; of a few workers 5 s at least, looked at as often as is said here
+    monkeypatch.setenv("DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL", "500 ms")
     frozen: subprocess.Popen[bytes] | None = None
     results = []
     with clustered(tmp_path) as cluster, watching(cluster) as client:
@@ -270,6 +271,8 @@ def test_a_worker_that_stops_answering_is_given_up(
 
 DESIGN = ["design", str(ROOT / "examples" / "m900ib" / "experiment.yaml"), "--candidates", "4000000", "-o"]
 """A command of half a minute, whatever the machine: what is done to it happens in its first seconds."""
+IMPATIENT = "from qsframework.cli import main; from qsframework.work import workers; workers.ANSWER = 4.0; main()"
+"""`qsf` that waits less for a scheduler that does not answer."""
 
 
 def seconds(process: int) -> float:
@@ -288,7 +291,7 @@ def children(process: int) -> list[int]:
     ]
 
 
-def wait_for_work(processes: Callable[[], list[int]], start: float, more: float = 2.0, limit: float = 60.0) -> None:
+def wait_for_work(processes: Callable[[], list[int]], start: float, more: float = 1.5, limit: float = 60.0) -> None:
     """Until processes have worked so long."""
     end = time.monotonic() + limit
     while sum(map(seconds, processes())) < start + more:
@@ -301,7 +304,7 @@ def test_a_scheduler_lost_at_work_is_one_sentence(lone: Cluster, tmp_path: Path,
     """Nothing of distributed's own is printed, not even while Python ends."""
     with watching(lone):
         before = seconds(lone.workers[0].pid)
-    command = [sys.executable, "-m", "qsframework", *DESIGN, str(tmp_path / "p.csv"), "--dask", lone.address]
+    command = [sys.executable, "-c", IMPATIENT, *DESIGN, str(tmp_path / "p.csv"), "--dask", lone.address]
     with subprocess.Popen(command, stdout=-1, stderr=-1, text=True, env=os.environ | {"COLUMNS": "200"}) as client:
         wait_for_work(lambda: [lone.workers[0].pid], before)
         lone.scheduler.send_signal(number)
@@ -353,7 +356,7 @@ def stop_at_work(tmp_path: Path, where: str, number: str, before: float, busy: l
     """Ctrl-C for a command once processes, its own or busy ones, have worked for it."""
     command = [sys.executable, "-m", "qsframework", *DESIGN, str(tmp_path / "p.csv"), where, number]
     with subprocess.Popen(command, stderr=-1, text=True) as process:
-        wait_for_work(lambda: busy or children(process.pid), before, 5.0 if where == "--jobs" else 2.0)
+        wait_for_work(lambda: busy or children(process.pid), before, 3.0 if where == "--jobs" else 1.5)
         own = children(process.pid)
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=30)

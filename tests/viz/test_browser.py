@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import json
 import threading
+from collections.abc import Iterator
 from importlib.util import find_spec
 from itertools import combinations
 from pathlib import Path
@@ -12,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from chromium import Browser
-from headless import NO_HOST, SMALL, browser, console, open_page
+from headless import browser
 
 from qsframework.experiment import Experiment, Plan, make_plan
 from qsframework.plugin import Poses
@@ -24,23 +26,33 @@ from qsframework.viz.subject import one_pose, robot_alone
 EVIL = "</script><script>document.title = 'taken'</script>"
 
 
-def browse(page: Path | str, folder: Path, *more: str) -> str:
-    """Open a page in headless Chromium; what it logged, or with --dump-dom what the page became."""
-    run = open_page(page, folder, SMALL, *more, timeout=600)
-    return run.stdout if "--dump-dom" in more else run.stderr
+@pytest.fixture(scope="module")
+def driven(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    """One browser for all pages."""
+    with Browser(tmp_path_factory.mktemp("chromium"), "about:blank", own="file://") as driven:
+        driven.size(800, 600)
+        yield driven
 
 
-def answer(page: Path, script: str, folder: Path, at: str = "") -> Any:
-    """What a script on the page puts into `found`; fails if the console has an error."""
+@pytest.fixture
+def chromium(driven: Browser) -> Iterator[Browser]:
+    driven.forget()
+    yield driven
+    driven.go("about:blank", "true")  # nothing goes on to be drawn
+
+
+def answer(page: Path, script: str, chromium: Browser, at: str = "") -> Any:
+    """What a script on the page puts into `found`; fails if the console has anything to say."""
     told = f"<script>const found = [];\n{script}\ndocument.title = JSON.stringify(found);</script></body>"
     probe = page.with_name("probe.html")
     probe.write_text(page.read_text().replace("</body>", told))
-    run = open_page(probe.as_uri() + at, folder, SMALL, "--dump-dom", NO_HOST, timeout=600)
-    said = console(run.stderr)
-    assert not said, said
-    return json.loads(run.stdout.split("<title>")[1].split("</title>")[0])
+    chromium.go(probe.as_uri() + at, READY)
+    found = json.loads(chromium.run("document.title"))
+    assert chromium.errors == chromium.foreign == chromium.logged == []
+    return found
 
 
+READY = "document.readyState === 'complete' && typeof find === 'function'"
 PIXELS = """
 const read = () => {
   viewer.set_3d_pane_size();
@@ -69,11 +81,11 @@ const covered = () => {
 
 
 @browser
-def test_every_robot_fills_the_first_view_and_is_whole_in_it(tmp_path: Path) -> None:
+def test_every_robot_fills_the_first_view_and_is_whole_in_it(chromium: Browser, tmp_path: Path) -> None:
     names = sorted(robot_names())
     page = tmp_path / "row.html"
     page.write_text(robot_row([load_robot(name) for name in names]).html())
-    found = answer(page, PIXELS + "steps.forEach((_, i) => { choose(i + 1); found.push(covered()); });", tmp_path)
+    found = answer(page, PIXELS + "steps.forEach((_, i) => { choose(i + 1); found.push(covered()); });", chromium)
     for name, (share, left, right, low, high) in zip(names, found, strict=True):
         assert share > 0.03, name  # a thin arm such as the UR10 covers little of its frame
         assert max(right - left, high - low) > 0.5, name
@@ -94,7 +106,7 @@ WORDS = """(() => {
   const ends = [tip.min, tip.max].map(v => v.project(camera()));
   return {words, panels, ends: ends.map(v => [v.x, v.y])};
 })()"""
-GHOST = f"""{PIXELS} (() => {{
+GHOST = f"""{{ {PIXELS} (() => {{
   const ghost = find("poses/0/deflected"), [full, w, h] = read();
   ghost.visible = false;
   const [bare] = read();
@@ -104,24 +116,23 @@ GHOST = f"""{PIXELS} (() => {{
     if (Math.abs(full[i] - bare[i]) + Math.abs(full[i + 1] - bare[i + 1]) + Math.abs(full[i + 2] - bare[i + 2]) > 70)
       apart += 1;
   return apart;
-}})()"""
+}})() }}"""
 
 
 @browser
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_words_arrows_and_the_deflected_arm_are_seen_on_every_robot(tmp_path: Path, scheme: str) -> None:
-    """No word under a panel, out of the view or over another; the deflected arm differs from all that is behind it."""
-    with Browser(tmp_path / "profile", "about:blank", own="file://") as chromium:
-        chromium.size(800, 600)
-        chromium.media(scheme=scheme)
-        for name in sorted(robot_names()):
-            experiment = robot_alone(load_robot(name), np.array([0.2, 0.0, 0.1]))
-            arm = experiment.robot.controller
-            pose = np.clip(np.resize(np.deg2rad([10.0, 20.0, -10.0, 20.0, 60.0, 10.0]), arm.axes), arm.lower, arm.upper)
-            subject = one_pose(experiment, pose, None)
-            page = tmp_path / "page.html"
-            page.write_text(show_scene(experiment, subject).html())
-            chromium.go(f"{page.as_uri()}?{name}", "document.readyState === 'complete' && typeof find === 'function'")
+def test_words_arrows_and_the_deflected_arm_are_seen_on_every_robot(chromium: Browser, tmp_path: Path) -> None:
+    """No word under a panel, out of the view or over another; the deflected arm differs from all that is behind it,
+    on a light and on a dark ground."""
+    for name in sorted(robot_names()):
+        experiment = robot_alone(load_robot(name), np.array([0.2, 0.0, 0.1]))
+        arm = experiment.robot.controller
+        pose = np.clip(np.resize(np.deg2rad([10.0, 20.0, -10.0, 20.0, 60.0, 10.0]), arm.axes), arm.lower, arm.upper)
+        page = tmp_path / "page.html"
+        page.write_text(show_scene(experiment, one_pose(experiment, pose, None)).html())
+        chromium.go(f"{page.as_uri()}?{name}", READY)
+        for scheme in ("dark", "light"):
+            chromium.media(scheme=scheme)
+            chromium.until(f"dark.matches === {json.dumps(scheme == 'dark')}")
             found = chromium.run(WORDS)
             assert len(found["words"]) == 2, name
             assert not [w for w in found["words"] if w[0] < 0 or w[1] < 0 or w[0] + w[2] > 800 or w[1] + w[3] > 600], (
@@ -130,9 +141,9 @@ def test_words_arrows_and_the_deflected_arm_are_seen_on_every_robot(tmp_path: Pa
             boxes = [*found["words"], *found["panels"]]
             assert not [(a, b) for a in found["words"] for b in boxes if a is not b and overlap(a, b)], name
             assert np.abs(found["ends"]).max() < 1.0, name
-            assert chromium.run(GHOST) > 300, name
-        assert chromium.errors == []
-        assert chromium.foreign == []
+            assert chromium.run(GHOST) > 300, (name, scheme)
+    assert chromium.errors == []
+    assert chromium.foreign == []
 
 
 def overlap(a: list[float], b: list[float]) -> bool:
@@ -188,9 +199,9 @@ found.push([...document.querySelectorAll("#facts, #bar, button, summary")].map(e
 
 
 @browser
-def test_what_is_on_the_page_works(page: Path, m900ib: Experiment, plan: Plan, tmp_path: Path) -> None:
+def test_what_is_on_the_page_works(page: Path, m900ib: Experiment, plan: Plan, chromium: Browser) -> None:
     """From a link to the third pose on: keys, layers, the readings of the pose, play, and what Tab stops at."""
-    found = answer(page, USED, tmp_path, "#pose=p03")
+    found = answer(page, USED, chromium, "#pose=p03")
     first, label, second, link, ghosts, bent, robot, angles, shares, play, *more = found
     assert first == [[False, False], [False, False], [True, False]]  # ghosts are off at first
     assert label.startswith("3 of 3: p03 (weight), the load point moves")
@@ -217,7 +228,7 @@ def test_what_is_on_the_page_works(page: Path, m900ib: Experiment, plan: Plan, t
 
 
 @browser
-def test_numbers_of_the_other_poses_stand_under_no_panel(page: Path, tmp_path: Path) -> None:
+def test_numbers_of_the_other_poses_stand_under_no_panel(page: Path, chromium: Browser) -> None:
     script = """for (const step of [1, 2, 3]) for (const view of Object.keys(FROM)) {
       at("from").value = view; at("from").onchange(); choose(step);
       for (const n of numbers.filter(n => n.visible)) {
@@ -228,7 +239,7 @@ def test_numbers_of_the_other_poses_stand_under_no_panel(page: Path, tmp_path: P
         found.push([n.userData.step === step, under.length]);
       }
     }"""
-    found = answer(page, script, tmp_path)
+    found = answer(page, script, chromium)
     assert len(found) > 8
     assert not [pair for pair in found if pair != [False, 0]]
 
@@ -247,28 +258,29 @@ def test_a_scene_is_small_beside_its_viewer(m900ib: Experiment) -> None:
 
 
 @browser
-def test_what_users_wrote_is_text(tmp_path: Path) -> None:
+def test_what_users_wrote_is_text(chromium: Browser, tmp_path: Path) -> None:
     scene = Scene(title=EVIL, notes=[EVIL])
     scene.step("a", EVIL)
     scene.layer(EVIL, "a")
     (tmp_path / "evil.html").write_text(scene.html())
     assert EVIL not in scene.html()
-    title = browse(tmp_path / "evil.html", tmp_path, "--dump-dom").split("<title>")[1].split("</title>")[0]
+    chromium.go((tmp_path / "evil.html").as_uri(), READY)
+    title = chromium.run("document.title")
     assert "taken" in title  # the title is the text itself,
     assert title != "taken"  # which has not run
 
 
 @browser
-def test_the_served_page_is_drawn_without_complaint(m900ib: Experiment, tmp_path: Path) -> None:
+def test_the_served_page_is_drawn_without_complaint(m900ib: Experiment, chromium: Browser) -> None:
     scene = show_scene(m900ib, one_pose(m900ib, None, None))
     with serve(SceneSite(scene.html, []), 0) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         address = f"http://127.0.0.1:{server.server_address[1]}/"
-        log = browse(address, tmp_path, f"--screenshot={tmp_path / 'served.png'}")
+        chromium.go(address, READY)
+        picture = chromium.picture([0, 0, 800, 600])
         server.shutdown()
-    said = console(log)
-    assert not said, said
+    assert chromium.logged == []
     from PIL import Image
 
-    pixels = np.asarray(Image.open(tmp_path / "served.png").convert("RGB")).astype(int)
+    pixels = np.asarray(Image.open(io.BytesIO(picture)).convert("RGB")).astype(int)
     assert int((pixels[..., 0] - pixels[..., 2] > 80).sum()) > 15_000  # the arm is yellow
