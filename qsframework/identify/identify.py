@@ -64,7 +64,8 @@ _NO_BETTER = 0.9
 _HOLDS = 30
 """Most fits in which weak holds and the noise that weighs them settle."""
 _DECISIONS = 8
-"""Times that it is decided anew, about the markers as they were found, what the readings identify."""
+"""Times that it is decided anew, about the markers as they were found, what the readings identify; what is decided a
+second time stands."""
 _FELL = 0.9
 """Share of the noise above which weaker holds change it no more."""
 
@@ -209,7 +210,9 @@ def _one_step(experiment: Experiment, rows: ReadingRows, names: Sequence[str], o
     one_pose = check_pose_spread(angles, 1 if options.priors else count - first.motions, bool(first.frames))
     notes = ("Only one pose was measured: nothing says whether this fit holds at another one.",) if one_pose else ()
     found = replace(_fitted(first, first, _of(names, told, options), options, unit), left=left, notes=notes)
-    for _ in range(_DECISIONS):
+    decided = list[set[str]]()
+    while len(decided) < _DECISIONS and set(told) not in decided:
+        decided.append(set(told))
         x = found.seen.values(found.solution.x)
         about = at_found_markers(first, x)
         if about is None:
