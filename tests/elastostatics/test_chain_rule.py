@@ -90,14 +90,18 @@ def steps(x: np.ndarray) -> np.ndarray:
     return 1e-3 * np.where(x == 0, 1e-3, np.abs(x))
 
 
-def differences(f: Callable[[np.ndarray], np.ndarray], x: np.ndarray) -> np.ndarray:
+def differences(f: Callable[[np.ndarray], np.ndarray], x: np.ndarray, analytic: np.ndarray) -> np.ndarray:
+    """Of two values each; of four where what is expected is not that, ten times as near as it has to be."""
     columns = []
     for k in range(len(x)):
         h = np.zeros_like(x)
         h[k] = steps(x)[k]
         near = f(x + h) - f(x - h)
-        far = f(x + 2 * h) - f(x - 2 * h)
-        columns.append((8 * near - far) / (12 * h[k]))
+        column = near / (2 * h[k])
+        if np.abs(column - analytic[..., k]).max() > 1e-7 * np.abs(column).max() + 3e-15 / h[k]:
+            far = f(x + 2 * h) - f(x - 2 * h)
+            column = (8 * near - far) / (12 * h[k])
+        columns.append(column)
     return np.stack(columns, axis=-1)
 
 
@@ -178,7 +182,7 @@ def bearable(case: str, linear: bool) -> np.ndarray:
 def test_sensitivities_agree_with_differences(case: str, linear: bool) -> None:
     m, p, x = model(CASES[case]), poses(), bearable(case, linear)
     analytic = m.sensitivity(p, x, linear=linear)
-    numeric = differences(lambda at: m.predict(p, at, linear), x)
+    numeric = differences(lambda at: m.predict(p, at, linear), x, analytic)
     size = np.abs(numeric).max(axis=(0, 1, 2))
     # a reading through sensors is a difference of positions of metres, which has 4e-16 m of rounding each; what is
     # settled went there in steps that have it too

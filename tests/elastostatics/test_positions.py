@@ -183,7 +183,7 @@ def test_sensitivities_agree_with_differences(case: str, loaded: bool, linear: b
     m, x = replace(model(CASES[case]), gravity=np.array([3.0, -2.0, -9.0])), bearable(case, linear)
     p = replace(poses(), unloaded=otherwise(poses().unloaded))
     analytic = m.position_sensitivity(p, x, loaded=loaded, linear=linear)
-    numeric = differences(lambda at: m.positions(p, at, loaded, linear), x)
+    numeric = differences(lambda at: m.positions(p, at, loaded, linear), x, analytic)
     size = np.abs(numeric).max(axis=(0, 1, 2))
     rounding = 6e-15 / steps(x)  # of positions of metres
     error = np.maximum(np.abs(analytic - numeric).max(axis=(0, 1, 2)) - rounding, 0.0) / np.maximum(size, 1e-30)
