@@ -68,6 +68,14 @@ def _commands_once() -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _in_memory() -> Iterator[None]:
+    """No test cuts the power, and commands that are killed are other processes: nobody waits for a disk here."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(os, "fsync", lambda _handle: None)
+        yield
+
+
 @cache
 def _expanded(path: Path, folder: Path) -> Urdf:
     return read_urdf(path, folder)

@@ -76,6 +76,7 @@ def test_mutated_exports(name: str, tmp_path: Path) -> None:
     options = ImportOptions(columns=columns, names={}, join="time" if name in ("kuka", "ros") else "", align="unloaded")
     taken, nameless = 0, list[object]()
     for _ in range(40):
+        path.unlink()  # what is written into an old file waits for the disk
         path.write_bytes(mutated(content, rng))
         try:
             taken += len(import_readings(c.experiment, [*others, path], tmp_path / "plan.csv", options).readings) > 0
@@ -94,6 +95,7 @@ def test_mutated_layouts(what: str, tmp_path: Path) -> None:
     options = ImportOptions(columns={}, names={}, units=("mm", "rad"), match="order", join="order")
     nameless: list[object] = []
     for _ in range(12):
+        paths[-1].unlink()
         paths[-1].write_bytes(mutated(content, rng))
         try:
             import_readings(c.experiment, paths, tmp_path / "plan.csv", options)

@@ -114,7 +114,9 @@ def _too_long(*_: Any) -> None:
 
 
 def try_file(good: Good, content: bytes) -> Found:
-    """Put the content in the place of the good file and read it, twice if it is taken."""
+    """Put the content in the place of the good file and read it, twice if it is taken. A new file each time: what is
+    written into an old one waits for the disk."""
+    good.path.unlink(missing_ok=True)
     good.path.write_bytes(content)
     started = time.perf_counter()
     before = signal.signal(signal.SIGPROF, _too_long)
@@ -136,6 +138,7 @@ def try_file(good: Good, content: bytes) -> Found:
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0.0)
         signal.signal(signal.SIGPROF, before)
+        good.path.unlink()
         good.path.write_bytes(good.content)
     return Found(Outcome.FAULT if words else Outcome.VALUE, words, first)
 
