@@ -16,8 +16,8 @@ from qsframework.plugin import Array, Indices
 
 _SMALLEST, _LARGEST = 1e-3, 1e3
 """Sizes that are looked for, in sds of a reading's own error."""
-_FINE, _FINER = 41, 5
-"""Places of the grid of them, and how often it is made finer: to a millionth."""
+_GRID, _NEAR = 21, 1e-6
+"""Places of the grid of them, and the share of it to which the likeliest is found between two of its places."""
 _FITTED = 1e-6
 """Share of a fitted direction that lies beyond Z, below which Z reaches it whole."""
 
@@ -56,6 +56,8 @@ def variance_component(fit: LinearFit, values: Array, column: Indices) -> Varian
         A = Q' V^-1 Q = I - W' w W,   y' P y = y'y - t' w t - b' A^-1 b  with  b = W' w t,
         log |V| + log |A| = sum log(1 + ratio^2 D) + log |A|
     """
+    from scipy.optimize import minimize_scalar
+
     if fit.used is not None:
         values = np.where(fit.used[:, None], values, 0.0)
     count = int(column.max()) + 1
@@ -66,7 +68,8 @@ def variance_component(fit: LinearFit, values: Array, column: Indices) -> Varian
 
     def left(w: Array) -> tuple[Array, Array, float]:
         """A, b and what the weights w (k,) take of the squares."""
-        return np.eye(W.shape[1]) - W.T @ (w[:, None] * W), (w * t) @ W, float(w @ np.square(t))
+        half = np.sqrt(w)[:, None] * W
+        return np.eye(W.shape[1]) - half.T @ half, (w * t) @ W, float(w @ np.square(t))
 
     def squares(ratio: float) -> tuple[float, float]:
         """What remains of the squares, and the price of the directions."""
@@ -78,11 +81,16 @@ def variance_component(fit: LinearFit, values: Array, column: Indices) -> Varian
         rest, price = squares(ratio)
         return fit.dof * float(np.log(rest)) + price
 
-    ratio, low, high = 0.0, _SMALLEST, _LARGEST
-    for _ in range(_FINER):  # each time between the neighbours of the best
-        ratios = np.geomspace(low, high, _FINE)
-        at = int(np.argmin([deviance(float(r)) for r in ratios]))
-        low, ratio, high = (float(ratios[k]) for k in (max(at - 1, 0), at, min(at + 1, _FINE - 1)))
+    grid = np.geomspace(_SMALLEST, _LARGEST, _GRID)
+    deviances = [deviance(ratio) for ratio in grid.tolist()]
+    at = int(np.argmin(deviances))
+    found = minimize_scalar(
+        lambda t: deviance(float(np.exp(t))),
+        bounds=(np.log(grid[max(at - 1, 0)]), np.log(grid[min(at + 1, _GRID - 1)])),
+        method="bounded",
+        options={"xatol": _NEAR},
+    )
+    ratio = float(np.exp(found.x)) if found.fun < deviances[at] else float(grid[at])
     reached = D > 0.0
     limit: Array = np.zeros(count)
     limit[reached] = 1.0 / D[reached]

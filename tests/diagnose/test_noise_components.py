@@ -39,6 +39,7 @@ def make_library(seed: int = 0, columns: int = COLUMNS) -> Array:
 
 
 LIBRARY = make_library()
+SEEN = visible(LIBRARY)
 FIT = np.linalg.qr(LIBRARY.reshape(3 * ROWS, -1)[:, :FITTED])[0]
 
 
@@ -52,7 +53,7 @@ def audit(errors: Array, replicate: Array | None = None, stated: bool = True, li
     flat = errors.ravel()
     white = (flat - FIT @ (FIT.T @ flat)).reshape(ROWS, 3)
     replicate = np.arange(ROWS) if replicate is None else replicate
-    Q = visible(library)
+    Q = SEEN if library is LIBRARY else visible(library)
     out = outliers(white, Q) if white.size - Q.shape[1] >= FEWEST else np.zeros(0, dtype=np.intp)
     keep, sigma = np.setdiff1d(np.arange(ROWS), out), np.full(ROWS, SIGMA)
     own = Q if len(keep) == ROWS else orthonormal(Q.reshape(ROWS, 3, -1)[keep].reshape(3 * len(keep), -1))

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from typing import Any, cast
 
 import numpy as np
@@ -89,8 +89,8 @@ class BlockPlace:
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """What a law could do to the readings; effect: what it would be; made: what makes its columns, which are too many
-    to be kept for all laws."""
+    """What a law could do to the readings; effect: what it would be; made: what makes its columns, which of many
+    readings are too many to be kept for all laws."""
 
     law: Law
     effect: Effect
@@ -98,7 +98,7 @@ class Block:
 
     @property
     def columns(self) -> Array:
-        """Columns (3 R, k) m, made anew each time."""
+        """Columns (3 R, k) m."""
         return self.made()
 
 
@@ -332,20 +332,23 @@ def _places(facts: RobotFacts) -> tuple[BlockPlace, ...]:
 
 _ROLE = "learned"
 """Of the effects that laws are; each says of which parts."""
+_KEPT = 200
+"""Rows up to which the columns of all laws are kept, some 70 MB: they are asked for several times."""
 
 
 def generic_blocks(moved: Motions) -> Iterator[Block]:
     """Every block, place by place."""
+    keep = cache if len(moved.rows.keep) <= _KEPT else _anew
     for place in moved.places:
         for by in _of_springs(moved, place):
             law = Law(place.part, place.name, by)
             effect = _learned(moved, law, place.name, scale=moved.scale(place.coordinates), place=place)
             if effect is not None:
-                yield Block(law, effect, partial(moved.spring_columns, place, effect))
+                yield Block(law, effect, keep(partial(moved.spring_columns, place, effect)))
     for law, at in _of_readings(moved):
         effect = _learned(moved, law, at, scale=_largest_force(moved))
         if effect is not None:
-            yield Block(law, effect, partial(_seen, moved, effect))
+            yield Block(law, effect, keep(partial(_seen, moved, effect)))
     if _largest_force(moved) > 0.0:
         for law in (
             *(Law("load", "tool", (by,)) for by in ("force", "direction", "order")),
@@ -353,7 +356,12 @@ def generic_blocks(moved: Motions) -> Iterator[Block]:
         ):
             effect = _learned(moved, law, "tool", scale=_largest_force(moved) if law.part == "load" else 0.0)
             if effect is not None:
-                yield Block(law, effect, partial(_pulled, moved, effect))
+                yield Block(law, effect, keep(partial(_pulled, moved, effect)))
+
+
+def _anew(made: Callable[[], Array]) -> Callable[[], Array]:
+    """Nothing is kept."""
+    return made
 
 
 def single_axes(block: Block, facts: RobotFacts) -> Iterator[Block]:
