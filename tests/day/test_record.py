@@ -342,18 +342,17 @@ def test_what_the_readings_tell_so_far(m900ib: Experiment, tmp_path: Path) -> No
             assert found.help is not None
             assert len(found.help.pose) == 3
     assert worst[0] > worst[1] > worst[2] == pytest.approx(1.0, abs=0.1)
-    found = so_far(day)
     assert [visits for visits, _ in found.history] == list(range(1, 9))
     sds = np.array([sds for _, sds in found.history])
     assert (sds[1:] <= sds[:-1] * (1.0 + 1e-9)).all(), "more readings tell no less"
     assert sds[-1] == pytest.approx([t.predicted for t in found.told], rel=0.05)
     assert "enough" in so_far_words(found)
-    open_ = replace(so_far(day), causes=("offaxis_compliance[joint_1/x]",))
+    open_ = replace(found, causes=("offaxis_compliance[joint_1/x]",))
     assert not open_.enough, "never beside a named cause"
     assert ": enough" not in so_far_words(open_)
     assert "a model without offaxis_compliance[joint_1/x], which the readings name" in so_far_words(open_)
     truth = dict(zip(m900ib.model().names, arm.x, strict=True))
-    for told in so_far(day).told:
+    for told in found.told:
         assert abs(told.value - truth[told.name]) < 5.0 * told.sd
     assert set(predicted_sd(day)) == set(m900ib.fit_names())
     assert len(accepted(day)) == 24
