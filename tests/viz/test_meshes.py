@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from chromium import Browser
 from headless import browser
 
 from qsframework.errors import InputError
@@ -154,5 +155,7 @@ def test_the_mesh_is_to_be_seen(tmp_path: Path) -> None:
     find("poses/0/robot/link_0/mesh_0").visible = false;
     found.push(red());
     """
-    with_it, without = answer(tmp_path / "page.html", PIXELS + script, tmp_path)
+    with Browser(tmp_path / "profile", "about:blank", own="file://") as chromium:
+        chromium.size(800, 600)
+        with_it, without = answer(tmp_path / "page.html", PIXELS + script, chromium)
     assert with_it > without + 1500
