@@ -19,7 +19,8 @@ import typer.testing
 from hypothesis import settings
 
 from qsframework.experiment import Experiment, Readings, example, load_experiment, read_readings
-from qsframework.robot import loader
+from qsframework.robot import copied, loader
+from qsframework.robot.expand import files_of
 from qsframework.robot.urdf import Urdf, read_urdf
 
 for folder in ("elastostatics", "proof"):
@@ -82,6 +83,11 @@ def _expanded(path: Path, folder: Path) -> Urdf:
 
 
 @cache
+def _included(path: Path, folder: Path) -> Any:
+    return files_of(path, folder)
+
+
+@cache
 def _shipped() -> dict[bytes, Path]:
     """The xacros of the repository by what they hold, those that include no other file."""
     files = {path.read_bytes(): path for path in sorted(ROOT.glob("robots/*/*.xacro"))}
@@ -111,8 +117,13 @@ def _expand_once() -> Iterator[None]:
         own = _shipped().get(path.read_bytes()) if small else None
         return read_urdf(path, folder) if own is None else _copied(_expanded(own, own.parent), own, path)
 
+    def included(path: Path, folder: Path) -> Any:
+        return (_included if path.is_relative_to(ROOT / "robots") else files_of)(path, folder)
+
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(loader, "read_urdf", read)
+        patched.setattr(copied, "read_urdf", read)
+        patched.setattr(copied, "files_of", included)
         yield
 
 
