@@ -225,17 +225,22 @@ class _Free:
     """A motion that is free at each visit, in T sizes: what it leaves of a fit in one noise.
 
     U (G, r, d): its directions; w (T, K): what V^-1 takes of each of the K; a (K, f), b (K,): fitted columns and
-    residuals along them; inverse (T, f, f): of X' V^-1 X; x (T, f): X' V^-1 y; rss (T,); log_det (T,)
+    residuals along them; products (T, f, f): X' V^-1 X; x (T, f): X' V^-1 y; rss (T,); log_det (T,)
     """
 
     U: Array
     w: Array
     a: Array
     b: Array
-    inverse: Array
+    products: Array
     x: Array
     rss: Array
     log_det: Array
+
+    @cached_property
+    def inverse(self) -> Array:
+        """Of the products (T, f, f)."""
+        return np.asarray(np.linalg.inv(self.products), dtype=np.float64)
 
 
 def _free(white: Array, noise: _Noise, taus: Array) -> _Free:
@@ -250,11 +255,10 @@ def _free(white: Array, noise: _Noise, taus: Array) -> _Free:
     w = grown / (1.0 + grown)
     products = np.eye(a.shape[1]) - _weighted(a, w)
     x = -(w * b) @ a
-    inverse = np.asarray(np.linalg.inv(products), dtype=np.float64)
-    rss = noise.total - w @ np.square(b) - np.einsum("tf,tfg,tg->t", x, inverse, x)
+    rss = noise.total - w @ np.square(b) - (x * np.linalg.solve(products, x[..., None])[..., 0]).sum(axis=1)
     log_det = np.log1p(grown).sum(axis=1) + np.linalg.slogdet(products)[1]
     least = np.maximum(rss, 1e-12 * noise.total)
-    return _Free(U=U, w=w, a=a, b=b, inverse=inverse, x=x, rss=least, log_det=log_det)
+    return _Free(U=U, w=w, a=a, b=b, products=products, x=x, rss=least, log_det=log_det)
 
 
 def _weighted(a: Array, w: Array) -> Array:
