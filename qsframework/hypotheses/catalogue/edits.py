@@ -348,6 +348,17 @@ def _still(readings: Readings, e: Edit) -> bool:
     return np.array_equal(e.pendant, poses.pendant[e.states]) and np.array_equal(e.wrench, poses.wrench[e.states])
 
 
+def _shared(readings: Readings, e: Edit) -> tuple[Indices, Indices, Indices]:
+    """The states that the rows of an edit need beside its own, which it shares with others; the places (k,) of both
+    states of its rows among its own and these, -1: none."""
+    plus, minus = readings.plus[e.rows], readings.minus[e.rows]
+    need = np.unique(np.concatenate([plus, minus[minus >= 0]]))
+    more = need[~np.isin(need, e.states)]
+    place = np.full(len(readings.states) + 1, -1, dtype=np.intp)
+    place[np.concatenate([e.states, more])] = np.arange(len(e.states) + len(more))
+    return more, place[plus], place[minus]
+
+
 def copied(standing: Standing, edits: Sequence[Edit]) -> Readings:
     """One table with the rows of every edit, as it has them, after each other."""
     readings = standing.readings
@@ -357,20 +368,18 @@ def copied(standing: Standing, edits: Sequence[Edit]) -> Readings:
     minus: list[Indices] = []
     pendant: list[Array] = []
     wrench: list[Array] = []
+    known: dict[tuple[int, int], tuple[Indices, Indices, Indices]] = {}
     first = 0
     for e in edits:
-        # beside its own states an edit needs those that it shares with others
-        need = np.unique(np.concatenate([readings.plus[e.rows], readings.minus[e.rows][readings.minus[e.rows] >= 0]]))
-        more = need[~np.isin(need, e.states)]
-        every = np.concatenate([e.states, more])
-        place = np.full(len(readings.states) + 1, -1, dtype=np.intp)
-        place[every] = first + np.arange(len(every))
-        first += len(every)
-        states.append(every)
-        plus.append(place[readings.plus[e.rows]])
-        minus.append(place[readings.minus[e.rows]])
+        own = (id(e.rows), id(e.states))  # many edits of one call are of the same rows
+        known[own] = known[own] if own in known else _shared(readings, e)
+        more, later, earlier = known[own]
+        states.append(np.concatenate([e.states, more]))
+        plus.append(first + later)
+        minus.append(np.where(earlier >= 0, first + earlier, -1))
         pendant.append(np.concatenate([e.pendant, readings.poses.pendant[more]]))
         wrench.append(np.concatenate([e.wrench, readings.poses.wrench[more]]))
+        first += len(states[-1])
     at = np.concatenate(states)
     shown = np.concatenate(pendant)
     q = standing.experiment.robot.controller.to_joints(shown)
