@@ -41,13 +41,14 @@ from tests.identify.arm import position_readings, settled
 class Law:
     """An entry of `effects`, how large it is hidden (natural sizes), and what shows it.
 
-    read: "displacements" or "positions"; without: parameters that these readings cannot tell
+    read: "displacements" or "positions"; without: parameters that these readings cannot tell; count: of poses
     """
 
     entry: Mapping[str, object]
     size: float = 3.0
     read: str = "displacements"
     without: tuple[str, ...] = field(default=())
+    count: int = 18
 
     def __str__(self) -> str:
         return str(self.entry["effect"])
@@ -60,7 +61,7 @@ LAWS = (
     Law({"effect": "link_growth", "link": "link_2"}, 1.5, without=("drift",)),
     Law({"effect": "link_bending", "link": "link_3", "across": "v"}, 18.0),
     Law({"effect": "hose", "link": "link_6", "from_z_m": 4.5}, 5.0, "positions"),
-    Law({"effect": "base_lift", "direction": "ry"}, 1.5),
+    Law({"effect": "base_lift", "direction": "ry"}, 1.5, count=24),
     Law({"effect": "marker_offset_loaded", "marker": "m2"}, 1.0),
     Law({"effect": "gear_ratio", "joint": "joint_2"}, 0.5, "positions"),
     Law({"effect": "marker_offset_after", "marker": "m2", "percent": "50"}, 0.5, "positions"),
@@ -69,7 +70,6 @@ LAWS = (
 )
 every_law = pytest.mark.parametrize("law", LAWS, ids=str)
 ONE_OF_EACH = ("gear_friction", "link_bending", "hose", "base_lift", "marker_offset_loaded", "gear_ratio")
-COUNT = 24
 
 
 @cache
@@ -105,24 +105,25 @@ def conditions(count: int, seed: int = 0) -> Conditions:
 
 def measured(law: Law, linear: bool = False) -> Readings:
     """Readings of an arm that has the law."""
+    count = law.count
     rng = np.random.default_rng(5)
     wide, truth = hidden(law)
     model = wide.model()
     x = model.nominal
     x[model.index(list(truth))] = list(truth.values())
-    at = poses(3, COUNT)
+    at = poses(3, count)
     if law.read == "displacements":
-        at = replace(at, unloaded=conditions(COUNT, 1), loaded=conditions(COUNT, 2))
+        at = replace(at, unloaded=conditions(count, 1), loaded=conditions(count, 2))
         moved = model.predict(at, x, linear)
         moved = moved + SIGMA * rng.standard_normal(moved.shape)
-        return displaced(at, moved, SIGMA, [f"p{i}" for i in range(COUNT)])
-    loaded = np.arange(2 * COUNT) % 2 == 1
-    at = at.take(np.arange(2 * COUNT) // 2)
-    both = conditions(2 * COUNT)
+        return displaced(at, moved, SIGMA, [f"p{i}" for i in range(count)])
+    loaded = np.arange(2 * count) % 2 == 1
+    at = at.take(np.arange(2 * count) // 2)
+    both = conditions(2 * count)
     at = replace(at, unloaded=both, loaded=both)
     seen = settled(model, at, loaded, x)
     seen = seen + SIGMA * rng.standard_normal(seen.shape)
-    readings = position_readings(at, loaded, seen, SIGMA, pose=[f"p{i // 2}" for i in range(2 * COUNT)])
+    readings = position_readings(at, loaded, seen, SIGMA, pose=[f"p{i // 2}" for i in range(2 * count)])
     return replace(
         readings.with_poses(replace(readings.poses, unloaded=both, loaded=both)),
         known=(Frame("", np.eye(3), np.zeros(3)),),
