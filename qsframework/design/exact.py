@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -111,7 +111,7 @@ def exchange(
             firsts[0] = firsts[0] if weights is None else _rounded(weights, quotas, rng)
         else:
             some = range(min(_AT_ONCE, starts - done))
-            firsts = [_random(quotas, weights, rng, () if best is None else _kept(best, rng)) for _ in some]
+            firsts = [_random(quotas, weights, rng, None if best is None else _kept(best, rng)) for _ in some]
         for chosen, value in run(_climb, board, firsts, work):
             done += 1
             if value < best_value:
@@ -154,24 +154,23 @@ def _rounded(weights: Array, quotas: Quotas, rng: np.random.Generator) -> Indice
     return np.array(chosen)
 
 
-def _kept(chosen: Indices, rng: np.random.Generator) -> Indices:
-    """A plan (n,) without some of its poses, -1 in their place."""
-    out = chosen.copy()
-    out[rng.choice(len(out), max(2, len(out) // _SHARE), replace=False)] = -1
-    return out
+def _kept(chosen: Indices, rng: np.random.Generator) -> dict[int, int]:
+    """Most poses of a plan (n,), by their slots."""
+    left_out = rng.choice(len(chosen), max(2, len(chosen) // _SHARE), replace=False)
+    return {slot: int(chosen[slot]) for slot in range(len(chosen)) if slot not in left_out}
 
 
 def _random(
-    quotas: Quotas, weights: Array | None, rng: np.random.Generator, kept: Sequence[int] | Indices = ()
+    quotas: Quotas, weights: Array | None, rng: np.random.Generator, kept: Mapping[int, int] | None = None
 ) -> Indices:
-    """Random candidates, half of the starts drawn by weight where there are weights; kept (n,): those that stay, by
-    their slots, -1: none."""
-    stay = dict(enumerate(np.asarray(kept, dtype=np.intp).tolist()))
+    """Random candidates beside the poses that are kept, by their slots; half of the starts drawn by weight where there
+    are weights."""
+    stay = kept or {}
     chosen: list[int] = []
-    taken = {int(quotas.place[i]) for i in stay.values() if i >= 0}
+    taken = {int(quotas.place[i]) for i in stay.values()}
     weighted = weights is not None and rng.random() < 0.5
     for slot, group in enumerate(_slots(quotas)):
-        if stay.get(slot, -1) >= 0:
+        if slot in stay:
             chosen.append(stay[slot])
             continue
         members = quotas.groups[group]
