@@ -17,8 +17,6 @@ from qsframework.screening import Mistake, adopted
 
 _NAMED = 3
 _WORST = 3
-_LIKELIER = 1.0
-"""Nats by which a law is ahead of a name from which on it is likelier."""
 
 
 def headline(found: Diagnosis) -> str:
@@ -111,9 +109,8 @@ def _reasons(found: Diagnosis) -> Iterator[str]:
         yield f"{names_words(found.doubtful)} {'is' if len(found.doubtful) == 1 else 'are'} doubtful"
     for f in found.sure:
         if f.instead is not None:
-            odds = "is likelier" if f.instead.evidence > _LIKELIER else "may as well be"
             other = found.places if not found.leftovers else ()
-            yield f"it {odds} that {moving_words(f.instead.law, found.experiment.robot.facts, other)}"
+            yield f"it may as well be that {moving_words(f.instead.law, found.experiment.robot.facts, other)}"
         if len(f.alternatives) > MANY:
             yield f"{f.name} could be any of {len(f.alternatives)} other causes"
     faint = max(found.sure, key=lambda f: f.p_value)
