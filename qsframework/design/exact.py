@@ -102,22 +102,20 @@ def exchange(
     before = np.zeros(moments.shape[1:]) if prior is None else prior
     slots = tuple(g for g, count in enumerate(quotas.counts) for _ in range(count))
     board = _Board(rows=four, moments=moments, prior=before, rule=rule, quotas=quotas, slots=slots)
-    best, best_value = None, np.inf
-    done = 0
-    while done < starts:
-        if done == 0:
-            apart = starts if quotas.poses < _SHARE else max(1, starts // _APART)
-            firsts = [_random(quotas, weights, rng) for _ in range(apart)]
-            firsts[0] = firsts[0] if weights is None else _rounded(weights, quotas, rng)
-        else:
-            some = range(min(_AT_ONCE, starts - done))
-            firsts = [_random(quotas, weights, rng, None if best is None else _kept(best, rng)) for _ in some]
+    apart = starts if quotas.poses < _SHARE else max(1, starts // _APART)
+    firsts = [_random(quotas, weights, rng) for _ in range(apart)]
+    if weights is not None:
+        firsts[0] = _rounded(weights, quotas, rng)
+    best, best_value, done = None, np.inf, 0
+    while firsts:
         for chosen, value in run(_climb, board, firsts, work):
             done += 1
             if value < best_value:
                 best, best_value = chosen, value
             if progress is not None:
                 progress(done, starts)
+        some = range(min(_AT_ONCE, starts - done))
+        firsts = [_random(quotas, weights, rng, None if best is None else _kept(best, rng)) for _ in some]
     if best is None:
         raise NotIdentifiable(
             f"no plan of {quotas.poses} poses identifies all {four.shape[-1]} parameters; ask for more poses, "

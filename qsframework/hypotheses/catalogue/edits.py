@@ -372,7 +372,8 @@ def copied(standing: Standing, edits: Sequence[Edit]) -> Readings:
     first = 0
     for e in edits:
         own = (id(e.rows), id(e.states))  # many edits of one call are of the same rows
-        known[own] = known[own] if own in known else _shared(readings, e)
+        if own not in known:
+            known[own] = _shared(readings, e)
         more, later, earlier = known[own]
         states.append(np.concatenate([e.states, more]))
         plus.append(first + later)

@@ -109,8 +109,7 @@ def _reasons(found: Diagnosis) -> Iterator[str]:
         yield f"{names_words(found.doubtful)} {'is' if len(found.doubtful) == 1 else 'are'} doubtful"
     for f in found.sure:
         if f.instead is not None:
-            other = found.places if not found.leftovers else ()
-            yield f"it may as well be that {moving_words(f.instead.law, found.experiment.robot.facts, other)}"
+            yield f"it may as well be that {moving_words(f.instead.law, found.experiment.robot.facts, found.places)}"
         if len(f.alternatives) > MANY:
             yield f"{f.name} could be any of {len(f.alternatives)} other causes"
     faint = max(found.sure, key=lambda f: f.p_value)
