@@ -235,11 +235,15 @@ class _Problem:
         o = self.observations
         return float(np.finfo(float).eps * o.reach * np.sqrt(o.noise.weights().sum()))
 
-    def rows(self, z: Array, r: Array, J: Array) -> tuple[Array, Array]:
-        """Rows and residuals of the linearised problem, weighed by the loss, priors below."""
-        root = np.sqrt(self.loss.weights(r))
-        prior_r, prior_J = self.prior(z)
-        return np.vstack([J * root[:, None], prior_J]), np.concatenate([r * root, prior_r])
+    def rows(self, z: Array, r: Array, J: Array) -> Array:
+        """The linearised problem (m + k, q + 1), residuals in the last column: weighed by the loss, k priors below."""
+        root, (prior_r, prior_J) = np.sqrt(self.loss.weights(r)), self.prior(z)
+        count, size = J.shape
+        out = np.empty((count + len(prior_r), size + 1))  # the largest array of a long campaign: made once
+        np.multiply(J, root[:, None], out=out[:count, :size])
+        np.multiply(r, root, out=out[:count, size])
+        out[count:, :size], out[count:, size] = prior_J, prior_r
+        return out
 
 
 def _other_starts(problem: _Problem, count: int, seed: int) -> list[Array]:
@@ -310,8 +314,10 @@ class _State:
 
     @cached_property
     def linear(self) -> tuple[Array, Array]:
-        """The linear least squares A d = b (q + 1, q) of a step d from here, weighed by the loss, priors included."""
-        return _triangle(*self.problem.rows(self.z, self.residuals, self.J))
+        """The linear least squares A d = b (q + 1, q) of a step d from here, weighed by the loss, priors included: the
+        triangular factor of its rows."""
+        R = _factor(self.problem.rows(self.z, self.residuals, self.J))
+        return R[:, :-1], R[:, -1]
 
     @cached_property
     def step(self) -> Array:
@@ -419,12 +425,6 @@ def _stepped(at: _State, step: int) -> _State:
         f"the fit is stuck after {step} steps: no step lowers the sum of squares, though it has a slope. "
         "Look at the readings' units, start nearer, or fix a parameter"
     )
-
-
-def _triangle(A: Array, b: Array) -> tuple[Array, Array]:
-    """The same least squares in few rows: the triangular factor of (m, q + 1)."""
-    R = _factor(np.column_stack([A, b]))
-    return R[:, :-1], R[:, -1]
 
 
 def _farthest(problem: _Problem, z: Array) -> str:

@@ -12,9 +12,11 @@ from qsframework.errors import InputError
 from qsframework.experiment import (
     Experiment,
     differences,
+    example,
     holds_states,
     load_experiment,
     observation_model,
+    observations,
     read_readings,
     write_readings,
 )
@@ -448,3 +450,15 @@ def test_differences_without_a_partner_name_each_row(tmp_path: Path) -> None:
     path.write_text("\n".join(filter(keep, path.read_text().splitlines())) + "\n")
     error = refused(path, of, "pose 'B'", "pose 'C'", "has no unloaded one", "Measure the marker unloaded")
     assert [p.line for p in error.problems] == [4, 5]
+
+
+@pytest.mark.parametrize("name", ["mixed", "ur10"])
+def test_derivatives_of_a_long_campaign_are_taken_in_parts(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Positions in several unknown frames, displacements and gauges beside them: the same numbers."""
+    of = load_experiment(example(name) / "experiment.yaml")
+    seen = observation_model(of, read_readings(of.data, of))
+    whole, slopes = seen.rates(seen.start)
+    monkeypatch.setattr(observations, "TOGETHER", 5_000)
+    parts, again = seen.rates(seen.start)
+    assert np.allclose(parts, whole, rtol=0.0, atol=1e-12)
+    assert np.allclose(again, slopes, rtol=1e-9, atol=1e-12 * np.abs(slopes).max())
