@@ -40,6 +40,7 @@ def test_estimate_and_sd_share_one_unit() -> None:
     assert people_estimate(backlash, 1.02 * arcmin, 0.031 * arcmin) == "1.020 ± 0.031 arcmin"
     text = people_estimate(Parameter("joint_compliance[a]", "rad/(N m)"), 5e-7, 1e-8)
     assert text == "0.500 ± 0.010 urad/(N m) (2.00 MN m/rad)"
+    assert people_estimate(Parameter("joint_placement[a].x", "m"), 3e-8, 5e-3) == "0.0 ± 5.0 mm"
 
 
 @pytest.mark.parametrize(

@@ -39,8 +39,11 @@ def people_size(parameter: Parameter, value: float, stiffness: bool = True) -> s
 
 
 def people_estimate(parameter: Parameter, value: float, sd: float) -> str:
-    """A value and its standard deviation in one unit: `1.020 ± 0.030 arcmin`; a stiffness beside a compliance."""
-    size, unit = shown_unit(parameter, value)
+    """A value and its standard deviation in one unit: `1.020 ± 0.030 arcmin`; a stiffness beside a compliance.
+
+    The unit is that of the larger of the two: what is nothing within its uncertainty is 0.0 ± 5.0 mm.
+    """
+    size, unit = shown_unit(parameter, max(abs(value), sd))
     return f"{with_sd(value / size, sd / size)} {unit}".strip() + _stiffness(parameter, value)
 
 
