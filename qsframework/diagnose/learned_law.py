@@ -1,4 +1,10 @@
-"""Which law is learned of what the names leave, and what it gains at held-out poses."""
+"""Which law is learned of what the names leave, what it gains at held-out poses, and what it looks like: how much of
+what it does to the readings a cause of the library can do.
+
+Both are seen beside everything else that is fitted and in the noise that was found. A spring takes what is linear in
+the torque of a law and of a cause alike, so that two laws are compared by what the readings tell of them, not by how
+they are written.
+"""
 
 from __future__ import annotations
 
@@ -10,13 +16,17 @@ import numpy as np
 
 from qsframework.diagnose.baseline import Baseline
 from qsframework.diagnose.learn import shares
-from qsframework.diagnose.likeness import alike
 from qsframework.diagnose.named_causes import FoundCauses, SearchOptions, held_out_gain
 from qsframework.diagnose.remaining import NOTHING, Beside, Remaining, beaten_names, races_of, remaining_beside
-from qsframework.diagnose.result import LearnedLaw
+from qsframework.diagnose.result import Alike, LearnedLaw
+from qsframework.estimation import left, orthonormal
 from qsframework.hypotheses.catalogue.causes import Cause, widened
+from qsframework.hypotheses.catalogue.law import Law
+from qsframework.hypotheses.columns import Case
 from qsframework.hypotheses.exact_refit import SettledFit, averaged_fit
 from qsframework.hypotheses.search.cross_validation import held_out_average
+from qsframework.plugin import RobotFacts, SpringLaw
+from qsframework.plugin.settings import place_fields
 
 _PREDICTS = 0.98
 """Share of the held-out error with some names below which a law stands in their place."""
@@ -105,3 +115,50 @@ def _average(base: Baseline, kept: Sequence[Cause], laws: Sequence[tuple[float, 
 def _within_bounds(fit: SettledFit) -> bool:
     bounds = {p.name: (p.lower, p.upper) for p in fit.model.parameters}
     return all(bounds[n][0] <= v <= bounds[n][1] for n, v in fit.by_name().items())
+
+
+HALF = 0.5
+"""Share of a law from which on a cause at its place counts as alike."""
+CLOSE = 0.9
+"""Share of a law from which on a cause is its rival, wherever it acts."""
+_ABSORBED = 1e-3
+"""Share of a column that must remain beside what is fitted, else nothing can be compared with it."""
+_MOST = 3
+
+
+def alike(case: Case, kept: Sequence[Cause], fit: SettledFit, law: Law, learned: Cause) -> tuple[Alike, ...]:
+    """The causes of the library that look like a law that was learned, the likest first, its alternatives among them.
+
+    case: with the library, in the noise of the fit; kept: the causes that are fitted beside the law
+    """
+    own = [fit.jacobian.shape[1] - len(fit.names) + fit.names.index(n) for n in learned.names]
+    beside = orthonormal(np.delete(fit.jacobian, own, axis=1))
+    moved = left(beside, fit.jacobian[:, own] @ np.array([fit.value(n) for n in learned.names]))
+    square = float(moved @ moved)
+    if square <= 0.0:
+        return ()
+    named = {n for c in kept for n in c.names}
+    found: list[Alike] = []
+    for i, cause in enumerate(case.causes):
+        if cause.group or not named.isdisjoint(cause.names):
+            continue
+        white = case.noise.whiten(case.metres(i))
+        seen = left(beside, white)
+        plain = np.linalg.norm(seen, axis=0) > _ABSORBED * np.linalg.norm(white, axis=0)
+        along = orthonormal(seen[:, plain]).T @ moved
+        share = min(float(along @ along) / square, 1.0)
+        here = _acts_at(cause, law, learned, case.model.facts)
+        if share >= (HALF if here else CLOSE):
+            turned = cause.one_sided() and float(seen[:, 0] @ moved) < 0.0
+            found.append(Alike(cause.name, share, float(np.sqrt((1.0 - share) * square)), here, turned))
+    return tuple(sorted(found, key=lambda a: -a.share)[:_MOST])
+
+
+def _acts_at(cause: Cause, law: Law, learned: Cause, facts: RobotFacts) -> bool:
+    """Whether a cause acts where the law does: at a place of the same name, or on the same springs."""
+    effect, mine = cause.effects[0], learned.effects[-1]
+    if law.place in {str(getattr(effect, f)) for f in place_fields(cause.kind)}:
+        return True
+    if not isinstance(effect, SpringLaw) or not isinstance(mine, SpringLaw):
+        return False
+    return not set(effect.springs(facts)).isdisjoint(mine.springs(facts))

@@ -224,7 +224,6 @@ def displaced(
     repeat: Indices | None = None,
     stated: bool = True,
     repeatability: float | None = None,
-    made: Made | None = None,
 ) -> Readings:
     """Readings of every marker's displacement (N, K, 3) m at N poses, each minus an unloaded state of its own."""
     count, markers = (int(n) for n in displacement.shape[:2])
@@ -259,7 +258,6 @@ def displaced(
         file=np.zeros(rows, dtype=np.intp),
         to=np.full(rows, -1),
         repeatability=repeatability,
-        made=made,
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from qsframework.diagnose.remaining_signal import Likely, finest
+from qsframework.diagnose.remaining import Likely, finest
 from qsframework.diagnose.result import Leftover
 from qsframework.hypotheses.catalogue.generic_laws import Block
 from qsframework.hypotheses.catalogue.law import Law
