@@ -32,7 +32,7 @@ from qsframework.design.column_generation import solve_columns
 from qsframework.design.exact import Quotas, exchange
 from qsframework.design.minimax import Robust
 from qsframework.design.options import STARTS
-from qsframework.design.relaxed import relax
+from qsframework.design.relaxed import optimum
 from qsframework.design.task import make_task, white_basis
 from qsframework.elastostatics import Model, Site, make_model
 from qsframework.estimation import rank_test, scales
@@ -210,7 +210,8 @@ def reference(count: int, parameters: int, solver: str) -> dict[str, Any]:
     task = make_task(as_rows(rows), Robust(CRITERIA["D"]), allowed)
     ours = cpu(lambda: solve_columns(task, np.random.default_rng(0)), 3)
     start = time.process_time()
-    weights = relax(rows, CRITERIA["D"], allowed) if solver == "CLARABEL" else plain_scs(rows)
+    robust = Robust(CRITERIA["D"])
+    weights = optimum(rows[:, None], robust, allowed).weights if solver == "CLARABEL" else plain_scs(rows)
     theirs = time.process_time() - start
     M = weighted_information(rows, weights / weights.sum())
     slope = np.linalg.inv(M) / parameters

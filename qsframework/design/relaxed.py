@@ -39,24 +39,12 @@ def solve_kinked(small: Small, rule: Robust) -> Solved:
     return Solved(found.weights, allowed.levels(scores), found.expansion, scores)
 
 
-def relax(
-    rows: Array, criterion: Criterion | Robust, allowed: Allowed, prior: Array | None = None, form: str = "log_det"
-) -> Array:
-    """Weights (N,) of the relaxed design as SOLVER finds them; certify them before use.
-
-    rows (N, k, p) or (N, S, k, p) are whitened and scaled. The solver works in coordinates in which the uniform
-    design's information is the identity, because it is otherwise wrong without saying so. form "socp" writes a
-    linear criterion (A, L, I) without groups and prior as a second-order cone programme instead.
-    """
-    rule = criterion if isinstance(criterion, Robust) else Robust(criterion)
-    four = rows[:, None] if rows.ndim == 3 else rows
-    if form == "socp":
-        return _elfving(four[:, 0], rule.inner, allowed, prior)
-    return optimum(four, rule, allowed, prior).weights
-
-
 def optimum(rows: Array, rule: Robust, allowed: Allowed, prior: Array | None = None) -> Optimum:
-    """The same of rows (N, S, k, p), with what the dual variables say."""
+    """The relaxed design of whitened and scaled rows (N, S, k, p) as SOLVER finds it; certify it before use.
+
+    The solver works in coordinates in which the uniform design's information is the identity, because it is otherwise
+    wrong without saying so. The slope is what its dual variables say.
+    """
     import cvxpy as cp
 
     count, scenarios, _, p = rows.shape
@@ -244,26 +232,3 @@ def _run(cp: Any, objective: Any, constraints: list[Any], w: Any, allowed: Allow
         total = weights[members].sum()
         weights[members] *= share / total if total > 0 else 0.0
     return weights
-
-
-def _elfving(rows: Array, criterion: Criterion, allowed: Allowed, prior: Array | None) -> Array:
-    """Elfving's form: min sum |H_i|_F with sum A_i' H_i = K, W = K K'; the weights are proportional to |H_i|_F."""
-    if not isinstance(criterion, Linear) or len(allowed.shares) > 1 or allowed.cap < 1.0 or prior is not None:
-        raise NotCertified("the cone form is for A, L and I with one group, no cap and no prior")
-    import cvxpy as cp
-
-    count, k, p = rows.shape
-    size = np.linalg.norm(rows, axis=(0, 1))
-    W = np.eye(p) if criterion.weight is None else criterion.weight
-    values, vectors = np.linalg.eigh(W / np.outer(size, size))
-    kept = values > 1e-14 * values[-1]
-    K = vectors[:, kept] * np.sqrt(values[kept])
-    H = cp.Variable((count * k, K.shape[1]))
-    flat = (rows / size).reshape(-1, p)
-    norms = cp.hstack([cp.norm(H[i * k : (i + 1) * k], "fro") for i in range(count)])
-    problem = cp.Problem(cp.Minimize(cp.sum(norms)), [K / np.abs(K).max() == flat.T @ H])
-    problem.solve(solver=SOLVER)
-    if H.value is None:
-        raise NotCertified(f"{SOLVER} found no design: {problem.status}")
-    weights = np.linalg.norm(np.asarray(H.value).reshape(count, -1), axis=1)
-    return weights / weights.sum()

@@ -276,24 +276,3 @@ def _file_keys(document: Document, at: tuple[Key, ...], loc: tuple[Key, ...]) ->
             break
         here.append(key if key in match else match[0])
     return tuple(here)
-
-
-def json_schema(model: type[FileModel]) -> dict[str, Any]:
-    """JSON schema of the file: measured fields appear as patterns `name_<unit>`."""
-    schema = model.model_json_schema()
-    models = {model.__name__: (schema, model)}
-    queue = [model]
-    while queue:
-        for info in queue.pop().model_fields.values():
-            inner, _, _ = _nested(info)
-            if inner is not None and inner.__name__ not in models:
-                models[inner.__name__] = (schema["$defs"][inner.__name__], inner)
-                queue.append(inner)
-    for part, owner in models.values():
-        for name, mark in measured(owner).items():
-            body, kinds = part["properties"].pop(name), _of_stem(owner, mark.stem).values()
-            body["description"] = f"{mark.stem} in a unit of {' or '.join(kinds)}: {_names(kinds, mark.stem)}"
-            part.setdefault("patternProperties", {})[f"^{mark.stem}_[^_]+$"] = body
-            if name in part.get("required", []):
-                part["required"].remove(name)
-    return schema

@@ -324,15 +324,6 @@ def step_two_gain(rows: Array, covariance: Array, weighted: bool = True) -> Arra
     return least_squares(np.linalg.solve(L, rows), np.linalg.inv(L))
 
 
-def step_two_covariance(rows: Array, covariance: Array, weighted: bool = True) -> Array:
-    """Covariance (3, 3) of step two's result, where the stiffnesses have the covariance (n, n).
-
-    weighted False: that of plain least squares of the same stiffnesses, never smaller.
-    """
-    gain = step_two_gain(rows, covariance, weighted)
-    return gain @ covariance @ gain.T
-
-
 def step_two(rows: Array, stiffness: Array, covariance: Array, weighted: bool = True) -> tuple[Array, Array]:
     """Solve (21): K2, Kc, s0 Kc (3,) and their covariance from aggregated stiffnesses (n,), N m/rad."""
     gain = step_two_gain(rows, covariance, weighted)

@@ -29,10 +29,10 @@ _loaded: dict[tuple[str, str], dict[str, type[Effect]]] = {}
 
 
 @contextmanager
-def trusting(value: bool = True) -> Generator[None, None, None]:
+def trusting() -> Generator[None, None, None]:
     """For the time of the context, effects from files are run where a call does not say otherwise."""
     global _trusting
-    before, _trusting = _trusting, value
+    before, _trusting = _trusting, True
     try:
         yield
     finally:

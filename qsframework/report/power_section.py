@@ -182,7 +182,7 @@ def power_figure(foresight: Foresight) -> Plot:
     return figure
 
 
-def power_section(foresight: Foresight, title: str = "What this plan would show") -> Section:
+def power_section(foresight: Foresight) -> Section:
     """Everything that can be said before measuring."""
     names = [p.name for p in foresight.prospects]
     blocks: list[Text | ReportTable | Figure] = [Text(said) for said in foresight_words(foresight)[:1]]
@@ -205,4 +205,4 @@ def power_section(foresight: Foresight, title: str = "What this plan would show"
         blocks += [Text(said) for said in unknown_words(foresight.unknown)]
         blocks.append(unknown_table(foresight))
     blocks.append(hidden_table(foresight))
-    return Section(title, tuple(blocks))
+    return Section("What this plan would show", tuple(blocks))

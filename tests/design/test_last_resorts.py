@@ -14,7 +14,7 @@ from qsframework.design.criteria import SMOOTHING, Criterion, Determinant, Expan
 from qsframework.design.exact import Quotas, exchange
 from qsframework.design.interior import Small, solve_small
 from qsframework.design.minimax import Largest, Robust
-from qsframework.design.relaxed import relax, solve_kinked
+from qsframework.design.relaxed import optimum, solve_kinked
 from qsframework.design.task import make_task
 from qsframework.errors import InputError, NotCertified, NotIdentifiable
 from qsframework.experiment import Experiment
@@ -38,7 +38,7 @@ def test_neither_solver_designs_for_parameters_that_are_one() -> None:
         with pytest.raises(NotIdentifiable, match="do not identify all parameters"):
             solve_columns(make_task(as_rows(blind()), Robust(criterion), everything(150)), np.random.default_rng(0))
     with pytest.raises(NotIdentifiable, match="all candidates together do not identify"):
-        relax(blind(), Determinant(), everything(150))
+        optimum(blind()[:, None], Robust(Determinant()), everything(150))
 
 
 class Own(Criterion):
@@ -60,7 +60,7 @@ def test_a_criterion_of_ones_own_is_solved_but_has_no_reference() -> None:
     task = make_task(as_rows(ROWS), Robust(Own()), everything(150))
     assert solve_columns(task, np.random.default_rng(0)).efficiency >= 1 - 1e-6
     with pytest.raises(NotCertified, match="cvxpy has no form for the criterion own"):
-        relax(ROWS, Own(), everything(150))
+        optimum(ROWS[:, None], Robust(Own()), everything(150))
 
 
 @pytest.mark.parametrize("rule", [Robust(Determinant()), Robust(Linear()), KINKED], ids=["D", "A", "G"])

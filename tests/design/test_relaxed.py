@@ -12,7 +12,7 @@ from qsframework.design.column_generation import solve_columns
 from qsframework.design.criteria import Criterion, Determinant, Linear, Sum
 from qsframework.design.interior import Small, curvature
 from qsframework.design.minimax import Largest, Robust, SmallestEigenvalue
-from qsframework.design.relaxed import relax
+from qsframework.design.relaxed import optimum
 from qsframework.design.task import make_task
 from qsframework.errors import NotCertified
 from qsframework.information import (
@@ -61,7 +61,7 @@ def test_column_generation_agrees_with_cvxpy(name: str, case: str) -> None:
     rule = Robust(EVERY[name], worst)
     result = solve_columns(make_task(as_rows(rows), rule, allowed, prior), np.random.default_rng(0), 1 - 1e-5)
     before = np.zeros(result.information.shape) if prior is None else prior
-    weights = relax(rows, rule, allowed, prior)
+    weights = optimum(rows[:, None] if rows.ndim == 3 else rows, rule, allowed, prior).weights
     theirs = float(rule.value(before + weighted_information(rows, weights)))
     ours = float(rule.value(result.information))
     assert ours <= theirs * (1.0 + 1e-5)
@@ -72,18 +72,6 @@ def test_column_generation_agrees_with_cvxpy(name: str, case: str) -> None:
         assert np.isclose(spread[members].sum(), share)
     assert spread.min() >= 0.0
     assert spread.max() <= min(allowed.cap, 1.0) + 1e-9
-
-
-def test_the_cone_form_agrees() -> None:
-    for criterion in (EVERY["A"], EVERY["L"], EVERY["c"]):
-        best = solve_columns(make_task(as_rows(ROWS), Robust(criterion), everything(200)), np.random.default_rng(0))
-        weights = relax(ROWS, criterion, everything(200), form="socp")
-        M = weighted_information(ROWS, weights)
-        weight = np.eye(P) if criterion.weight is None else criterion.weight  # type: ignore[attr-defined]
-        reached = float((np.linalg.lstsq(M, weight, rcond=None)[0]).trace())
-        assert np.isclose(reached, float(criterion.value(best.information[0])), rtol=1e-4)
-    with pytest.raises(NotCertified, match="cone form"):
-        relax(ROWS, EVERY["D"], everything(200), form="socp")
 
 
 @pytest.mark.parametrize("name", EVERY)

@@ -15,7 +15,6 @@ from hypothesis import given, strategies as st
 
 from qsframework import units
 from qsframework.errors import InputError, Problem, nearest
-from qsframework.experiment.spec import ExperimentSpec
 from qsframework.files import (
     FileModel,
     FileRecord,
@@ -23,14 +22,11 @@ from qsframework.files import (
     Named,
     Unit,
     as_file,
-    json_schema,
-    measured,
     null,
     read_yaml,
     validate,
     write_text,
 )
-from qsframework.robot.spec import RobotSpec
 
 
 class Inner(FileModel):
@@ -158,15 +154,6 @@ def test_odd_units_do_no_harm(unit: str) -> None:
 
 def test_temperatures_have_an_offset() -> None:
     assert np.isclose(units.to_si(20.0, "degC"), 293.15)
-
-
-@pytest.mark.parametrize("model", [RobotSpec, ExperimentSpec])
-def test_schemas_describe_the_keys_of_the_file(model: type[FileModel]) -> None:
-    schema = json_schema(model)
-    marks = measured(model)
-    assert all(name not in schema["properties"] for name in marks)
-    assert {f"^{mark.stem}_[^_]+$" for mark in marks.values()} == set(schema.get("patternProperties", ()))
-    assert schema["additionalProperties"] is False
 
 
 def test_writing_is_all_or_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,7 +12,6 @@ from qsf_plugins.spring_triangle import SpringTriangle, spring
 from qsframework.identify.two_step import (
     distinct_angles,
     step_two,
-    step_two_covariance,
     step_two_information,
     stiffness_covariance,
 )
@@ -106,12 +105,13 @@ def test_step_two_finds_the_truth_and_scatters_as_promised(four: tuple[Array, Ar
 
 def test_weights_help_with_more_angles_than_unknowns_only(four: tuple[Array, Array]) -> None:
     rows, covariance = four
-    best, plain = (step_two_covariance(rows, covariance, weighted) for weighted in (True, False))
+    best, plain = (step_two(rows, rows @ UNKNOWNS, covariance, weighted)[1] for weighted in (True, False))
     assert np.linalg.eigvalsh(plain - best).min() > -1e-9 * np.abs(plain).max()
     assert np.trace(plain) > 1.2 * np.trace(best)
-    three = rows[:3], covariance[:3, :3]
-    assert np.allclose(step_two_covariance(*three, True), step_two_covariance(*three, False), rtol=1e-7)
-    assert np.allclose(step_two_information(*three) @ step_two_covariance(*three), np.eye(3), atol=1e-6)
+    three = rows[:3], rows[:3] @ UNKNOWNS, covariance[:3, :3]
+    same, alike = (step_two(*three, weighted)[1] for weighted in (True, False))
+    assert np.allclose(same, alike, rtol=1e-7)
+    assert np.allclose(step_two_information(rows[:3], covariance[:3, :3]) @ same, np.eye(3), atol=1e-6)
 
 
 def test_without_a_covariance_all_stiffnesses_weigh_alike(four: tuple[Array, Array]) -> None:

@@ -117,28 +117,17 @@ def reread(day: Day) -> Day:
         return day
 
 
-def enter(
-    day: Day,
-    readings: Mapping[str, Array],
-    slot: Slot | None = None,
-    pendant: Array | None = None,
-    wrench: Array | None = None,
-) -> tuple[Day, Judged]:
+def enter(day: Day, readings: Mapping[str, Array], slot: Slot | None = None) -> tuple[Day, Judged]:
     """The day with readings (3,) m of one or more markers of a state, the one that comes next in `day` if None.
 
-    pendant (n,) rad, wrench (6,): where the readings say others than the protocol. InputError where another state comes
-    next by now, a marker is unknown or was read already, or no number is one; then nothing is stored.
+    InputError where another state comes next by now, a marker is unknown or was read already, or no number is one; then
+    nothing is stored.
     """
     slot = day.next if slot is None else slot
     if slot is None:
         raise InputError("the plan is done: every state of every pose was read")
     visit, state = day.record.visit(slot), day.record.state(slot)
-    entry = Entry(
-        slot=slot,
-        xyz=readings,
-        pendant=visit.pendant if pendant is None else pendant,
-        wrench=state.wrench if wrench is None else wrench,
-    )
+    entry = Entry(slot=slot, xyz=readings, pendant=visit.pendant, wrench=state.wrench)
     day, judged = enter_states(day, [entry], of_next=True)
     return day, judged[0]
 
