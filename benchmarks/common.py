@@ -108,9 +108,16 @@ def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     return "\n".join([*lines, *("| " + " | ".join(str(c) for c in row) + " |" for row in rows)])
 
 
+def vectors() -> str:
+    """The widest vectors that numpy uses: those of the processor, less what NPY_DISABLE_CPU_FEATURES names."""
+    from numpy._core._multiarray_umath import __cpu_features__ as features
+
+    return next((name for name, key in (("AVX-512", "X86_V4"), ("AVX2", "X86_V3")) if features.get(key)), "no AVX2")
+
+
 def cores() -> str:
-    """Cores, processor family and Python."""
-    return f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}"
+    """Cores, processor family with its vectors, and Python."""
+    return f"{os.cpu_count()} cores, {platform.machine()} with {vectors()}, Python {platform.python_version()}"
 
 
 def machine() -> str:
@@ -179,9 +186,15 @@ def _write_rows(file: Path, rows: Iterable[Sequence[str]]) -> None:
 
 def write_section(name: str, text: str, command: str, runs: int | None = RUNS) -> None:
     """Put a section between its marks on the page, and into docs/records/made.csv its command, the date, the runs whose
-    medians it holds (None: counts) and the machine."""
-    replace_between(PAGE, f"<!-- {name} -->", f"<!-- end of {name} -->", shelved(text, f"performance {name}", False))
-    file = RECORDS / "made.csv"
+    medians it holds (None: counts) and the machine.
+
+    The page is of processors with AVX-512; of others the tables are written, under names that say so.
+    """
+    narrow = "" if vectors() == "AVX-512" else f", {vectors()}"
+    shown = shelved(text, f"performance {name}{narrow}", False)
+    if not narrow:
+        replace_between(PAGE, f"<!-- {name} -->", f"<!-- end of {name} -->", shown)
+    file, name = RECORDS / "made.csv", f"{name}{narrow}"
     rows = list(csv.reader(file.read_text().splitlines())) if file.is_file() else [list(MADE)]
     rows = [row for row in rows if row[0] != name]
     rows.append([name, command, date.today().isoformat(), "" if runs is None else str(runs), machine()])

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import argparse
 import os
+import statistics
+import time
 from collections.abc import Callable
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
@@ -26,6 +28,13 @@ from qsframework.plugin import Context, Poses, find
 from qsframework.robot import Robot, load_robot
 
 TIP = Site(6, np.array([0.15, 0.0, 0.2]))
+STEPS = (
+    "closing the loops of controller and arm",
+    "placing links and tip",
+    "Jacobians",
+    "gravity torques",
+    "writing the results",
+)
 
 
 def sample(robot: Robot, count: int) -> Poses:
@@ -62,19 +71,34 @@ def pinocchio_loop(robot: Robot, poses: Poses) -> None:
         gravity[i] = pin.computeGeneralizedGravity(robot.model, data, q)
 
 
-def batch(m: Model, poses: Poses) -> None:
-    """The same by the batch kernel, stored."""
-    count = len(poses)
+def batch(m: Model, poses: Poses) -> dict[str, float]:
+    """The same by the batch kernel, stored. CPU seconds of its steps."""
+    count, spent, clock = len(poses), dict.fromkeys(STEPS, 0.0), time.process_time()
     positions, jacobians, gravity = np.empty((3, count)), np.empty((6, 6, count)), np.empty((6, count))
     moments, layout = m.facts.moments, m.layout
+
+    def done(step: str) -> None:
+        nonlocal clock
+        now = time.process_time()
+        spent[step] += now - clock
+        clock = now
+
     for start in range(0, count, CHUNK):
         part = slice(start, start + CHUNK)
         q = np.ascontiguousarray(poses.q[part].T)
         phi, context = nominal_actuators(layout, q), Context(m.facts, poses.take(part))
-        state = place(move(layout, context, phi, np.zeros((layout.bars, q.shape[1]))), TIP, ())
-        positions[:, part] = state.tip.position
-        jacobians[:, :3, part], jacobians[:, 3:, part] = state.tip.elements.linear, state.tip.elements.angular
-        gravity[:, part] = gravity_torque(state, moments, m.gravity)
+        motion = move(layout, context, phi, np.zeros((layout.bars, q.shape[1])))
+        done("closing the loops of controller and arm")
+        state = place(motion, TIP, ())
+        done("placing links and tip")
+        linear, angular = state.tip.elements.linear, state.tip.elements.angular
+        done("Jacobians")
+        torque = gravity_torque(state, moments, m.gravity)
+        done("gravity torques")
+        positions[:, part], gravity[:, part] = state.tip.position, torque
+        jacobians[:, :3, part], jacobians[:, 3:, part] = linear, angular
+        done("writing the results")
+    return spent
 
 
 def sensitivities(m: Model, poses: Poses, names: list[str], block: int = 100_000) -> None:
@@ -136,7 +160,17 @@ def tables(count: int, runs: int) -> str:
     ]
     text = [[what, f"{ours:.3f}", against, f"{other:.3f}", _ratio(ours, other)] for what, ours, against, other in rows]
     head = ["what", "CPU s", "against", "CPU s", "ratio"]
-    return table(head, text) + f"\n\nPeak memory of all of this {memory() / 1024:.2f} GB."
+    steps = [batch(plain, poses) for _ in range(runs)]
+    middle = {step: statistics.median(each[step] for each in steps) for step in STEPS}
+    shares = [[step, f"{middle[step]:.3f}", f"{100.0 * middle[step] / loop:.1f} %"] for step in STEPS]
+    return "\n\n".join(
+        [
+            table(head, text),
+            f"Peak memory of all of this {memory() / 1024:.2f} GB.",
+            "### Steps of the kernel",
+            table(["step", "CPU s", "of Pinocchio's loop, which closes none"], shares),
+        ]
+    )
 
 
 def _ratio(ours: float, other: float) -> str:
