@@ -1,8 +1,8 @@
-"""Kill -9 at 200 random moments, over all commands that write: the record in docs/results.md.
+"""Kill -9 at 200 random moments and Ctrl-C at 100, over all commands that write: the record in docs/results.md.
 
     python benchmarks/kills.py                # go on where the last run stopped, then write the record
     python benchmarks/kills.py --renew        # try again what another commit was tried with
-    python benchmarks/kills.py --kills 1      # one moment for each command, to see that it works; no record
+    python benchmarks/kills.py --kills 1      # one kill of each command, to see that it works; no record
     python benchmarks/kills.py --days         # the measuring day: kills, spoilt files, two writers; its own record
 
 Each command runs on a small arm over files of an earlier run, is killed at a random moment, and runs again. What became
@@ -15,6 +15,7 @@ import argparse
 import json
 import os
 import random
+import signal
 import sys
 import tempfile
 from collections import Counter
@@ -35,8 +36,8 @@ from fuzz import PAGE, head, processor  # noqa: E402
 STATE = ROOT / "build" / "kills.jsonl"
 START, STOP = "<!-- record of benchmarks/kills.py -->", "<!-- end of the record of kills -->"
 START_DAYS, STOP_DAYS = "<!-- record of benchmarks/kills.py --days -->", "<!-- end of the record of days -->"
-KILLS = 10
-"""Moments for each command."""
+KILLS, STOPS = 10, 5
+"""Moments for each command: of a kill, and of a Ctrl-C."""
 
 
 def read_state() -> dict[tuple[str, int], dict[str, Any]]:
@@ -45,40 +46,39 @@ def read_state() -> dict[tuple[str, int], dict[str, Any]]:
     return {(r["line"], r["kill"]): r for r in map(json.loads, lines)}
 
 
-def run(kills: int, renew: bool) -> list[dict[str, Any]]:
-    """Try what has not been tried."""
-    done, commit = read_state(), head()
+def run(kills: int, stops: int, renew: bool) -> list[dict[str, Any]]:
+    """Try what has not been tried: moments of each command, numbered, those of Ctrl-C after KILLS."""
+    done, commit, moments = read_state(), head(), [*range(kills), *range(KILLS, KILLS + stops)]
     STATE.parent.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as folder, STATE.open("a") as state:
         bench = command_lines.prepared(Path(folder))
         for line in killed.WRITING:
             first: killed.First | None = None
-            for kill in range(kills):
+            for kill in moments:
                 old = done.get((line, kill))
                 if old is not None and (not renew or old["commit"] == commit) and not old["faults"]:
                     continue
                 first = first or killed.first_run(bench, Path(folder) / "place", line)
                 share = random.Random(f"{line} {kill}").random()
-                found = killed.killed_once(bench, Path(folder) / "place", line, first, share)
+                number = signal.SIGKILL if kill < KILLS else signal.SIGINT
+                found = killed.killed_once(bench, Path(folder) / "place", line, first, share, number)
                 done[line, kill] = found | {"line": line, "kill": kill, "commit": commit}
                 state.write(json.dumps(done[line, kill]) + "\n")
                 state.flush()
                 for fault in found["faults"]:
                     print(f"{line}, at {share:.2f} of its time: {fault}", flush=True)
             print(line, flush=True)
-    return [done[line, kill] for line in killed.WRITING for kill in range(kills)]
+    return [done[line, kill] for line in killed.WRITING for kill in moments]
 
 
 def record(found: list[dict[str, Any]]) -> Iterator[str]:
     """The record as Markdown."""
     commits = ", ".join(f"{name} ({count})" for name, count in Counter(r["commit"] for r in found).items())
-    faults = sum(len(r["faults"]) for r in found)
-    yield (
-        f"`python benchmarks/kills.py`, {date.today()}: **{len(found)} kills, {faults} faults**; {processor()}. "
-        f"Commits: {commits}."
-    )
+    faults, stops = sum(len(r["faults"]) for r in found), sum(r["kill"] >= KILLS for r in found)
+    counted = f"{len(found) - stops} kills, {stops} stops by Ctrl-C, {faults} faults"
+    yield (f"`python benchmarks/kills.py`, {date.today()}: **{counted}**; {processor()}. Commits: {commits}.")
     yield ""
-    yield "| command | kills | old files | new files | some of each | done before | hidden part left | faults |"
+    yield "| command | kills, Ctrl-C | old files | new files | some of each | done before | hidden part left | faults |"
     yield "|---|---:|---:|---:|---:|---:|---:|---:|"
     for line in killed.WRITING:
         own = [r for r in found if r["line"] == line]
@@ -131,7 +131,7 @@ def record_of_days(found: list[tuple[str, int, list[str]]]) -> Iterator[str]:
 def main() -> int:
     """Run, print, write."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--kills", type=int, default=KILLS, help="moments for each command")
+    parser.add_argument("--kills", type=int, default=KILLS, help="kills of each command")
     parser.add_argument("--renew", action="store_true", help="try again what another commit was tried with")
     parser.add_argument("--days", action="store_true", help="the measuring day instead")
     options = parser.parse_args()
@@ -140,7 +140,7 @@ def main() -> int:
         text = shelved("\n".join(record_of_days(befallen)), "robustness days")
         replace_between(PAGE, START_DAYS, STOP_DAYS, f"\n{text}\n")
         return 1 if any(faults for _, _, faults in befallen) else 0
-    found = run(options.kills, options.renew)
+    found = run(options.kills, STOPS if options.kills == KILLS else 0, options.renew)
     text = "\n".join(record(found))
     print(text)
     if options.kills == KILLS:

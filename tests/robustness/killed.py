@@ -41,7 +41,7 @@ def in_child(work: Callable[[], int], said: Path) -> int:
                     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
                     code = work()
             except Stopped as stopped:
-                print("stopped: the files written so far are whole", file=err)
+                print(_STOPPED, file=err)
                 code = stopped.code
             except SystemExit as end:
                 code = end.code if isinstance(end.code, int) else 0
@@ -209,6 +209,7 @@ WRITING = (
     "demo -o out/demo --json out/demo.json",
 )
 """Every command that writes, on the files of command_lines.prepared."""
+_STOPPED = "stopped: the files written so far are whole"
 _NOT_TWICE, _GROWS = ("new",), ("day",)
 """`new` overwrites no folder; a day's folder grows reading by reading, and goes on."""
 
@@ -234,19 +235,25 @@ def first_run(bench: Path, place: Path, line: str) -> First:
     return First(files_in(place / "out"), seconds)
 
 
-def killed_once(bench: Path, place: Path, line: str, first: First, share: float) -> dict[str, Any]:
-    """A run over an earlier run's files, killed after a share of its time, and a second one over what is left."""
+def killed_once(
+    bench: Path, place: Path, line: str, first: First, share: float, number: signal.Signals = signal.SIGKILL
+) -> dict[str, Any]:
+    """A run over an earlier run's files, killed or stopped by Ctrl-C (SIGINT) after a share of its time, and a second
+    one over what is left."""
     verb, said = line.split()[0], place.parent / "said"
     folders = sorted({n.split("/")[0] for n in first.files if "/" in n} - {"demo", "day"})
     old = {} if verb in (*_NOT_TWICE, *_GROWS) else old_of(first.files, folders)
     laid(bench, place, old)
-    code = run(qsf(line.split()), said, signal.SIGKILL, share * first.seconds)
+    code = run(qsf(line.split()), said, number, share * first.seconds)
     left = files_in(place / "out")
     parts = [n for n in left if ".qsf-part" in n]
     whole_files = {n: c for n, c in left.items() if n not in parts}
     faults: list[str] = []
-    if code not in (0, -signal.SIGKILL):
-        faults.append(f"it ended with {code}: {said.read_text()[-500:]}")
+    stopped, words = number == signal.SIGINT, said.read_text()
+    if code not in (0, 130 if stopped else -signal.SIGKILL):
+        faults.append(f"it ended with {code}: {words[-500:]}")
+    if stopped and (parts or (code and words.splitlines()[-1:] != [_STOPPED])):
+        faults.append(f"stopped, it left {parts} and said: {words[-500:]}")
     if verb not in _GROWS:
         faults += [f"{n} is neither the old one nor the new one" for n in half(whole_files, old, first.files, folders)]
     new = len(_news(whole_files, first)) == len(first.files)
