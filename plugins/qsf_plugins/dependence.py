@@ -23,6 +23,7 @@ from qsframework.plugin import (
     place,
     setting,
     smooth,
+    turns,
 )
 
 RECORDED = ("order", "time", "temperature", "approach")
@@ -180,7 +181,7 @@ def down(context: Context, link: int, frame: Array) -> Array:
     for k in range(link):
         R = R @ robot.placements[k][:3, :3]
         if not robot.sliding[k]:
-            R = R @ _about(robot.axes[k], poses.q[:, k])
+            R = R @ turns(robot.axes[k], poses.q[:, k])
     return down_in(R @ frame[:3, :3], robot)
 
 
@@ -188,10 +189,3 @@ def down_in(rotation: Array, robot: RobotFacts) -> Array:
     """Direction (N, 3) of gravity in frames that are turned against the base by rotations (N, 3, 3)."""
     along = robot.gravity / (np.linalg.norm(robot.gravity) or 1.0)
     return np.asarray(np.einsum("nji,j->ni", rotation, along))
-
-
-def _about(axis: Array, angle: Array) -> Array:
-    """Rotations (N, 3, 3) about one axis."""
-    x, y, z = axis
-    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray(np.eye(3) + np.sin(angle)[:, None, None] * K + (1.0 - np.cos(angle))[:, None, None] * (K @ K))

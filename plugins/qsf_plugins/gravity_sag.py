@@ -7,8 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsf_plugins.vectors import turns
-from qsframework.plugin import Array, Context, Geometry, GeometryTerm, InputError, Parameter, Problem, RobotFacts, place
+from qsframework.plugin import (
+    Array,
+    Context,
+    Geometry,
+    GeometryTerm,
+    InputError,
+    Parameter,
+    Problem,
+    RobotFacts,
+    place,
+    turns,
+)
 
 _VERTICAL = 1e-6
 """rad from the vertical below which an axis counts as vertical."""

@@ -19,6 +19,7 @@ from qsframework.plugin import (
     RobotFacts,
     Sensor,
     SensorTerm,
+    cross_matrix,
     setting,
 )
 
@@ -68,7 +69,7 @@ class LearnedOffset(Dependence, Sensor):
         same = np.broadcast_to(np.eye(3), (*reading.position.shape, 3))
         turned = None
         if self.at != "all":
-            turned = -_cross(position - reading.position)
+            turned = -cross_matrix(position - reading.position)
         return SensorTerm(position, same, dx, turned)
 
     def shapes(self, reading: Reading, context: Context) -> Array:
@@ -87,10 +88,3 @@ class LearnedOffset(Dependence, Sensor):
 
     def ranges(self, torque: Array, context: Context) -> tuple[Range, ...]:
         return tuple(self.seen(OWN, context))
-
-
-def _cross(v: Array) -> Array:
-    """Matrices (..., 3, 3) of v x."""
-    x, y, z = np.moveaxis(v, -1, 0)
-    zero = np.zeros_like(x)
-    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*v.shape, 3)

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsf_plugins.vectors import rotation
-from qsframework.plugin import Array, Context, Load, Loads, LoadTerm, Parameter, RobotFacts
+from qsframework.plugin import Array, Context, Load, Loads, LoadTerm, Parameter, RobotFacts, exponential
 
 
 @dataclass(frozen=True)
@@ -25,7 +24,7 @@ class LoadDirection(Load):
         return tuple(Parameter(f"{self.name}.{axis}", "rad", typical=0.01) for axis in ("rx", "ry"))
 
     def apply(self, loads: Loads, x: Array, context: Context) -> LoadTerm:
-        R = rotation(np.array([x[0], x[1], 0.0]))
+        R = exponential(np.array([x[0], x[1], 0.0]))
         turned = np.zeros((6, 6), dtype=R.dtype)
         turned[:3, :3] = turned[3:, 3:] = R
         wrench = loads.wrench @ turned.T

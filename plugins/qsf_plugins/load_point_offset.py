@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsf_plugins.vectors import skew
-from qsframework.plugin import Array, Context, Load, Loads, LoadTerm, Parameter, RobotFacts
+from qsframework.plugin import Array, Context, Load, Loads, LoadTerm, Parameter, RobotFacts, cross_matrix
 
 
 @dataclass(frozen=True)
@@ -28,9 +27,9 @@ class LoadPointOffset(Load):
         force, arm = loads.wrench[:, :3], loads.rotation @ x
         wrench, slope = loads.wrench.copy(), np.tile(np.eye(6), (len(force), 1, 1))
         wrench[:, 3:] += np.cross(arm, force)
-        slope[:, 3:, :3] = skew(arm)
-        by_arm = np.concatenate([np.zeros((len(force), 3, 3)), -skew(force)], axis=1)
-        return LoadTerm(wrench, slope, by_arm @ loads.rotation, -by_arm @ skew(arm))
+        slope[:, 3:, :3] = cross_matrix(arm)
+        by_arm = np.concatenate([np.zeros((len(force), 3, 3)), -cross_matrix(force)], axis=1)
+        return LoadTerm(wrench, slope, by_arm @ loads.rotation, -by_arm @ cross_matrix(arm))
 
     @classmethod
     def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[LoadPointOffset, ...]:

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsf_plugins.vectors import skew
-from qsframework.plugin import Array, Context, Parameter, Reading, RobotFacts, Sensor, SensorTerm, place
+from qsframework.plugin import Array, Context, Parameter, Reading, RobotFacts, Sensor, SensorTerm, cross_matrix, place
 
 
 @dataclass(frozen=True)
@@ -34,7 +33,7 @@ class MarkerOffset(Sensor):
         position[:, k] += offset
         d_position = np.broadcast_to(np.eye(3), (*position.shape, 3))
         dx, d_rotation = np.zeros((*position.shape, 3)), np.zeros((*position.shape, 3))
-        dx[:, k], d_rotation[:, k] = carried, -skew(offset)
+        dx[:, k], d_rotation[:, k] = carried, -cross_matrix(offset)
         return SensorTerm(position, d_position, dx, d_rotation)
 
     @classmethod

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsf_plugins.vectors import turns
-from qsframework.plugin import Array, Indices
+from qsframework.plugin import Array, Indices, turns
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsf_plugins.vectors import turns
-from qsframework.plugin import Array, InputError, Parameter, Point, Problem, RobotFacts, TorqueTerm
+from qsframework.plugin import Array, InputError, Parameter, Point, Problem, RobotFacts, TorqueTerm, turns
 
 _SHARE, _ANGLE = 0.02, 0.02
 """Natural sizes of an error: of a pivot's distance, as a share of both sides; of the angle, rad."""
@@ -142,7 +141,7 @@ class SpringTriangle:
         if not np.linalg.norm(arm) > 1e-9:  # the next joint lies on the axis: any direction across it
             arm = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
         arm = arm / np.linalg.norm(arm)
-        base = robot.placements[k] @ np.append(self.lc * turns(axis, np.array([-zero]))[0] @ arm, 1.0)
+        base = robot.placements[k] @ np.append(self.lc * turns(axis, -zero) @ arm, 1.0)
         return _point(robot.links[k], base[:3]), _point(robot.link_of(joint), self.l2 * arm)
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from qsf_plugins.vectors import rotation
-from qsframework.plugin import Array, Context, Parameter, Reading, RobotFacts, Sensor
+from qsframework.plugin import Array, Context, Parameter, Reading, RobotFacts, Sensor, exponential
 
 
 @dataclass(frozen=True)
@@ -22,7 +21,7 @@ class TrackerFrame(Sensor):
         return tuple(Parameter(f"{self.name}.{axis}", "rad", typical=5e-3) for axis in ("rx", "ry", "rz"))
 
     def read(self, reading: Reading, x: Array, context: Context) -> Array:
-        return reading.position @ rotation(x).T
+        return reading.position @ exponential(x).T
 
     @classmethod
     def places(cls, robot: RobotFacts, markers: Sequence[str] = ()) -> tuple[TrackerFrame, ...]:

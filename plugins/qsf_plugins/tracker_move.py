@@ -5,8 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from qsf_plugins.vectors import rotation
-from qsframework.plugin import Array, Context, InputError, Parameter, Problem, Reading, RobotFacts, Sensor, place
+from qsframework.plugin import (
+    Array,
+    Context,
+    InputError,
+    Parameter,
+    Problem,
+    Reading,
+    RobotFacts,
+    Sensor,
+    exponential,
+    place,
+)
 
 STEPS = "25", "50", "75"
 """Where a diagnosis tries a sudden change, per cent of the readings."""
@@ -40,7 +50,7 @@ class TrackerMove(Sensor):
 
     def read(self, reading: Reading, x: Array, context: Context) -> Array:
         after = (context.order >= share(self.name, self.percent))[:, None, None]
-        turned = reading.position @ rotation(x[3:]).T
+        turned = reading.position @ exponential(x[3:]).T
         return reading.position + after * (turned - reading.position + x[:3])
 
     @classmethod

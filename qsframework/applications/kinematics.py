@@ -23,8 +23,9 @@ from qsframework.identify.io import constant_geometry, refuse_through_loops, wri
 from qsframework.identify.soundness import check_fit
 from qsframework.plugin import Array, Geometry
 from qsframework.plugin.facts import frozen
+from qsframework.plugin.rotations import homogeneous, turns
 from qsframework.robot.corrected import moves, read_placements
-from qsframework.robot.denavit import Denavit, Serial, denavit, turns
+from qsframework.robot.denavit import Denavit, Serial, denavit
 
 CONVENTIONS = {"dh": "standard", "mdh": "modified (Craig)", "hayati": "standard with Hayati's beta"}
 _POSES = 200
@@ -280,8 +281,7 @@ def _ur_frames(one: Fitted) -> tuple[Array, list[Array]]:
     steps += [(0, -d[4], 0, quarter), (0, d[5], 0, -quarter)]
     here, nominal, out = table.base, np.eye(4), list[Array]()
     for k, (x, y, z, roll) in enumerate(steps):
-        step = turns(np.eye(3)[0], np.array([roll]))[0]
-        step[:3, 3] = x, y, z
+        step = homogeneous(turns(np.eye(3)[0], roll), np.array([x, y, z]))
         here, nominal = here @ step, nominal @ one.nominal.placements[k]
         out.append(np.asarray(np.linalg.solve(nominal, here), dtype=np.float64))
     return table.base, out

@@ -1,30 +1,12 @@
-"""Rotations: vectors and matrices, all for batches (..., 3) and (..., 3, 3)."""
+"""Rotation vectors: what they turn by per unit, back from matrices, and from quaternions, beside those of effects."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from qsframework.plugin import Array
+from qsframework.plugin import Array, cross_matrix, exponential
 
-
-def cross_matrix(v: Array) -> Array:
-    """The matrices (..., 3, 3) of v x for v (..., 3)."""
-    out = np.zeros((*v.shape, 3))
-    x, y, z = v[..., 0], v[..., 1], v[..., 2]
-    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -z, y, -x
-    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = z, -y, x
-    return out
-
-
-def exponential(v: Array) -> Array:
-    """Rotation matrices of rotation vectors (..., 3), Rodrigues."""
-    angle = np.linalg.norm(v, axis=-1)[..., None, None]
-    K = cross_matrix(v)
-    near = angle < 1e-6
-    safe = np.where(near, 1.0, angle)
-    a = np.where(near, 1.0 - angle**2 / 6.0, np.sin(safe) / safe)
-    b = np.where(near, 0.5, (1.0 - np.cos(safe)) / safe**2)
-    return np.eye(3) + a * K + b * K @ K
+__all__ = ["cross_matrix", "exponential", "from_quaternion", "left_jacobian", "rotation_vector"]
 
 
 def left_jacobian(v: Array) -> Array:

@@ -11,6 +11,7 @@ from qsframework.experiment.spec import ConstraintsSpec, ExperimentSpec, SightSp
 from qsframework.files import Document
 from qsframework.plugin import Array
 from qsframework.plugin.facts import frozen
+from qsframework.plugin.rotations import homogeneous
 from qsframework.robot import Robot
 from qsframework.robot.robot import NamedShape
 from qsframework.units import allowed_names
@@ -86,9 +87,7 @@ def tool_shapes(radius: float | None, link: int, xyz: Array) -> tuple[NamedShape
     """The sphere (m) at the load point, (3,) m in the frame of a link, that stands for the tool and the load."""
     if radius is None:
         return ()
-    placement = np.eye(4)
-    placement[:3, 3] = xyz
-    return (NamedShape(link, placement, "sphere", (radius,), (0.8, 0.1, 0.1, 1.0), name="tool"),)
+    return (NamedShape(link, homogeneous(np.eye(3), xyz), "sphere", (radius,), (0.8, 0.1, 0.1, 1.0), name="tool"),)
 
 
 def constraint_problems(document: Document, spec: ExperimentSpec, robot: Robot) -> list[Problem]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from qsframework.elastostatics import Model, make_model
 from qsframework.experiment import Experiment, ObservationModel
-from qsframework.plugin import Array, Context, Load, Loads, LoadTerm, Parameter, RobotFacts
+from qsframework.plugin import Array, Context, Load, Loads, LoadTerm, Parameter, RobotFacts, cross_matrix
 
 ERRORS = ("scale", "rx", "ry", "rz")
 
@@ -26,8 +26,7 @@ class LoadError(Load):
         return tuple(Parameter(f"{self.name}.{e}", u, typical=0.01) for e, u in zip(ERRORS, units, strict=True))
 
     def apply(self, loads: Loads, x: Array, context: Context) -> LoadTerm:
-        k, (rx, ry, rz) = x[0], x[1:]
-        turn = np.eye(3) + np.array([[0.0, -rz, ry], [rz, 0.0, -rx], [-ry, rx, 0.0]])
+        k, turn = x[0], np.eye(3) + cross_matrix(x[1:])
         slope = (1.0 + k) * np.kron(np.eye(2), turn)
         halves = loads.wrench.reshape(-1, 2, 3)
         dx = [(halves @ turn.T).reshape(-1, 6)]

@@ -1,7 +1,6 @@
 """The public API for effects: everything that a third party's plugin imports comes from here."""
 
 from qsframework.errors import InputError, Problem
-from qsframework.plugin.angles import cos_sin
 from qsframework.plugin.build import build_effects
 from qsframework.plugin.check import check_effect
 from qsframework.plugin.facts import Array, Branch, Conditions, Context, Indices, Poses, RobotFacts
@@ -18,6 +17,7 @@ from qsframework.plugin.kinds import (
 )
 from qsframework.plugin.parameter import Parameter
 from qsframework.plugin.registry import find, registry
+from qsframework.plugin.rotations import cos_sin, cross_matrix, exponential, turns
 from qsframework.plugin.settings import place, setting
 from qsframework.plugin.shapes import (
     FINE,
@@ -95,10 +95,13 @@ __all__ = [
     "check_effect",
     "circular",
     "cos_sin",
+    "cross_matrix",
+    "exponential",
     "find",
     "magnitude",
     "place",
     "registry",
     "setting",
     "smooth",
+    "turns",
 ]

@@ -15,9 +15,10 @@ from qsframework.errors import InputError, PluginError
 from qsframework.plugin import laws
 from qsframework.plugin.facts import Array, Conditions, Context, Poses, RobotFacts, came_from, frozen
 from qsframework.plugin.kinds import Effect, Geometry, Load, Loop, ParallelSpring, Sensor, Spring, SpringLaw
-from qsframework.plugin.laws import as_term, difference, turn
+from qsframework.plugin.laws import as_term, difference
 from qsframework.plugin.loops import with_branches
 from qsframework.plugin.parameter import Parameter
+from qsframework.plugin.rotations import exponential
 from qsframework.plugin.terms import (
     Actuator,
     Bar,
@@ -327,7 +328,7 @@ def _load(t: Trial) -> None:
     rotation, wrench, report = _rotations(t.rng, BATCH), t.context.poses.wrench, t.report
 
     def apply(w: Array, x: Array, small: Array | None = None, c: Context = t.context) -> Any:
-        turned = rotation if small is None else turn(rotation, small)
+        turned = rotation if small is None else exponential(small) @ rotation
         return laws.loaded(t.effect, Loads(w, turned, t.robot.moments), x, c)
 
     term = laws.apply(t.effect, Loads(wrench, rotation, t.robot.moments), t.x, t.context)
@@ -346,7 +347,7 @@ def _sensor(t: Trial) -> None:
     markers = (getattr(t.effect, "marker", "m1"), "m2")
 
     def read(p: Array, x: Array, small: Array | None = None, c: Context = t.context) -> Array:
-        turned = rotation if small is None else turn(rotation, small[:, None, :])
+        turned = rotation if small is None else exponential(small[:, None, :]) @ rotation
         return as_term(SensorTerm, t.effect.read(Reading(p, turned, markers), x, c)).position
 
     shift, x, report = np.zeros((BATCH, 3)), t.x, t.report

@@ -18,6 +18,7 @@ import numpy as np
 from qsframework.errors import PluginError, QsfError
 from qsframework.plugin.facts import Array, Context
 from qsframework.plugin.kinds import Effect, Geometry, Load, Loop, ParallelSpring, Sensor, Spring, SpringLaw
+from qsframework.plugin.rotations import exponential
 from qsframework.plugin.terms import (
     GeometryTerm,
     LawTerm,
@@ -300,7 +301,7 @@ def apply(effect: Load, loads: Loads, x: Array, context: Context) -> LoadTerm:
         term = replace(term, d_wrench=same, dx=np.zeros((batch, 6, len(x))))
     if left_out(term.d_wrench):
         most = np.maximum(np.abs(loads.wrench).max(axis=0, initial=0.0), context.robot.sizes.weight)
-        turning = derivative(lambda v: at(x, rotation=turn(loads.rotation, v)).wrench, none, np.ones(3))
+        turning = derivative(lambda v: at(x, rotation=exponential(v) @ loads.rotation).wrench, none, np.ones(3))
         term = replace(term, d_wrench=derivative(lambda w: at(x, w).wrench, loads.wrench, most), d_rotation=turning)
     if left_out(term.dx):
         term = replace(term, dx=derivative(lambda v: at(v).wrench, x, sizes(effect, x, context)))
@@ -323,7 +324,7 @@ def read(effect: Sensor, reading: Reading, x: Array, context: Context) -> Sensor
     none = np.zeros((len(context), 3))
 
     def at(v: Array, shift: Array = none, small: Array | None = None) -> Array:
-        rotation = reading.rotation if small is None else turn(reading.rotation, small[:, None, :])
+        rotation = reading.rotation if small is None else exponential(small[:, None, :]) @ reading.rotation
         moved = replace(reading, position=reading.position + shift[:, None, :], rotation=rotation)
         return seen(effect, moved, v, context)
 
@@ -336,12 +337,3 @@ def read(effect: Sensor, reading: Reading, x: Array, context: Context) -> Sensor
     if left_out(dx):
         dx = derivative(at, x, sizes(effect, x, context))
     return SensorTerm(term.position, d_position, dx, d_rotation)
-
-
-def turn(rotation: Array, small: Array) -> Array:
-    """exp([small]x) rotation, to third order: enough for derivatives."""
-    x, y, z = np.moveaxis(small, -1, 0)
-    zero = np.zeros_like(x)
-    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*x.shape, 3, 3)
-    angle2 = (small**2).sum(-1)[..., None, None]
-    return (np.eye(3) + (1 - angle2 / 6) * cross + 0.5 * cross @ cross) @ rotation

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qsframework.plugin.facts import Array, Indices, RobotFacts
+from qsframework.plugin.rotations import homogeneous
 from qsframework.robot.kinematics import Frames, joint_frames
 from qsframework.robot.mesh import Hull
 from qsframework.robot.robot import NamedShape, Robot, Shape
@@ -148,9 +149,7 @@ def _inside(shape: Shape, at: Any, around: Shape, there: Any) -> bool:
 
 
 def _matrix(transform: Any) -> Array:
-    out = np.eye(4)
-    out[:3, :3], out[:3, 3] = transform.getRotation(), transform.getTranslation()
-    return out
+    return homogeneous(transform.getRotation(), transform.getTranslation())
 
 
 def make_collider(robot: Robot, clearance: float = 0.0, more: Sequence[Shape] = ()) -> Collider:

@@ -11,6 +11,7 @@ import numpy as np
 from qsframework.errors import InputError
 from qsframework.files import read_yaml, write_text
 from qsframework.plugin import Array
+from qsframework.plugin.rotations import homogeneous, turns
 from qsframework.robot.expand import read_tree
 from qsframework.robot.model import build_model
 from qsframework.robot.robot import Robot
@@ -38,8 +39,9 @@ def write_corrected_urdf(robot: Robot, twists: Array, angles: Array, path: Path)
 
 def moves(robot: Robot, twists: Array, angles: Array) -> Array:
     """What each joint's nominal placement is multiplied by (n, 4, 4), from the right."""
-    axes = np.asarray(robot.facts.axes)
-    return np.stack([_move(twists[k]) @ _turn(axes[k], float(angles[k])) for k in range(robot.facts.n)])
+    x, y, z = (turns(axis, twists[:, k]) for k, axis in enumerate(np.eye(3), start=3))
+    own = np.stack([turns(axis, angle) for axis, angle in zip(robot.facts.axes, angles, strict=True)])
+    return homogeneous(x @ y @ z @ own, twists[:, :3])
 
 
 def read_placements(robot: Robot, path: Path) -> Array:
@@ -61,19 +63,3 @@ def _element(node: Node) -> ElementTree.Element:
     # a URDF's readers pass over what they do not know, and a prefix that nobody explains is no XML
     element.extend(_element(child) for child in node.children if ":" not in child.tag)
     return element
-
-
-def _move(twist: Array) -> Array:
-    out = np.eye(4)
-    out[:3, 3] = twist[:3]
-    for axis, angle in zip(np.eye(3), twist[3:], strict=True):
-        out = out @ _turn(axis, float(angle))
-    return out
-
-
-def _turn(axis: Array, angle: float) -> Array:
-    """Rotation (4, 4) by the angle about a unit axis through the origin."""
-    cross = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
-    out = np.eye(4)
-    out[:3, :3] += np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
-    return out

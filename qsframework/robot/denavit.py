@@ -16,6 +16,7 @@ import numpy as np
 
 from qsframework.plugin import Array
 from qsframework.plugin.facts import frozen
+from qsframework.plugin.rotations import homogeneous, turns
 
 _PARALLEL = 1e-10
 """Sine of the angle below which two axes count as parallel: their common normal is nowhere."""
@@ -35,7 +36,7 @@ class Serial:
         """Where the tool is (N, 4, 4) at joint angles (N, n) rad."""
         out = np.tile(np.eye(4), (len(q), 1, 1))
         for k, placement in enumerate(self.placements):
-            out = out @ placement @ turns(self.axes[k], q[:, k])
+            out = out @ placement @ homogeneous(turns(self.axes[k], q[:, k]), np.zeros((len(q), 3)))
         return out @ self.tool
 
 
@@ -56,19 +57,10 @@ class Denavit:
         n = len(self.theta)
         placements = np.empty((n, 4, 4))
         for k in range(n):
-            before = self.base if k == 0 else _along(0, self.a[k - 1], self.alpha[k - 1])
-            turned = np.eye(4) if k == 0 else _along(1, 0.0, self.beta[k - 1])
-            placements[k] = before @ turned @ _along(2, self.d[k], self.theta[k])
+            before = self.base if k == 0 else along(0, self.a[k - 1], self.alpha[k - 1])
+            turned = np.eye(4) if k == 0 else along(1, 0.0, self.beta[k - 1])
+            placements[k] = before @ turned @ along(2, self.d[k], self.theta[k])
         return Serial(placements, np.tile([0.0, 0.0, 1.0], (n, 1)), self.tool)
-
-
-def turns(axis: Array, angles: Array) -> Array:
-    """Rotations (N, 4, 4) by N angles about a unit axis (3,) through the origin."""
-    cross = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
-    out = np.tile(np.eye(4), (len(angles), 1, 1))
-    sines, rests = np.sin(angles)[:, None, None], (1.0 - np.cos(angles))[:, None, None]
-    out[:, :3, :3] += sines * cross + rests * (cross @ cross)
-    return out
 
 
 def denavit(serial: Serial, hayati: bool = False) -> Denavit:
@@ -87,14 +79,14 @@ def denavit(serial: Serial, hayati: bool = False) -> Denavit:
         theta[k] = np.arctan2(x @ frame[:3, 1], x @ frame[:3, 0])
         d[k] = (foot - frame[:3, 3]) @ frame[:3, 2]
         a[k] = (nearest - foot) @ x
-        frame = frame @ _along(2, d[k], theta[k])
+        frame = frame @ along(2, d[k], theta[k])
         towards = frame[:3, :3].T @ axes[k + 1]
         alpha[k] = np.arctan2(-towards[1], towards[2])
         beta[k] = np.arcsin(towards[0]) if across else 0.0
-        frame = frame @ _along(0, a[k], alpha[k]) @ _along(1, 0.0, beta[k])
+        frame = frame @ along(0, a[k], alpha[k]) @ along(1, 0.0, beta[k])
     end = _end(serial)
     d[-1] = (end[:3, 3] - frame[:3, 3]) @ frame[:3, 2]
-    tool = np.linalg.inv(frame @ _along(2, d[-1], 0.0)) @ end
+    tool = np.linalg.inv(frame @ along(2, d[-1], 0.0)) @ end
     parts = {"theta": theta, "d": d, "a": a, "alpha": alpha, "beta": beta, "base": base, "tool": tool}
     return Denavit(**{name: frozen(value) for name, value in parts.items()})
 
@@ -115,14 +107,12 @@ def _end(serial: Serial) -> Array:
 
 def _first(point: Array, axis: Array) -> Array:
     """The frame (4, 4) of the first axis: nearest to the base's origin, its x nearest to the base's x (or y)."""
-    out = np.eye(4)
     x = np.eye(3)[0] - axis[0] * axis
     if np.linalg.norm(x) < 0.1:
         x = np.eye(3)[1] - axis[1] * axis
     x = x / np.linalg.norm(x)
-    out[:3, :3] = np.stack([x, np.cross(axis, x), axis], axis=1)
-    out[:3, 3] = point - (point @ axis) * axis
-    return out
+    turned = np.asarray(np.stack([x, np.cross(axis, x), axis], axis=1), dtype=np.float64)
+    return homogeneous(turned, point - (point @ axis) * axis)
 
 
 def _normal(frame: Array, point: Array, axis: Array) -> tuple[Array, Array, Array]:
@@ -154,8 +144,7 @@ def _crossing(frame: Array, point: Array, axis: Array) -> tuple[Array, Array, Ar
     return origin, x if x @ frame[:3, 0] >= -1e-9 else -x, nearest
 
 
-def _along(axis: int, way: float, angle: float) -> Array:
+def along(axis: int, way: float, angle: float) -> Array:
     """Moved along and turned about a coordinate axis (4, 4)."""
-    out = turns(np.eye(3)[axis], np.array([angle]))[0]
-    out[axis, 3] = way
-    return out
+    own = np.eye(3)[axis]
+    return homogeneous(turns(own, angle), way * own)

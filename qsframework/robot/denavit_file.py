@@ -19,7 +19,7 @@ from qsframework import plausible, units
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.files import read_text
 from qsframework.plugin import Array
-from qsframework.robot.denavit import turns
+from qsframework.robot.denavit import along
 from qsframework.robot.urdf import Joint, Link, Origin, Urdf
 from qsframework.robot.xml_tree import XmlPlace
 
@@ -47,13 +47,12 @@ def read_denavit(path: Path, modified: bool = False) -> Urdf:
     are read too. InputError with every wrong cell.
     """
     rows = _read(path)
-    between = [_slide(0, row.values["a"]) @ _turn(0, row.values["alpha"]) for row in rows]
-    along = [_slide(2, row.values["d"]) @ _turn(2, row.values["theta"]) for row in rows]
-    steps = [b @ s for b, s in zip(between, along, strict=True)]
+    between = [along(0, row.values["a"], row.values["alpha"]) for row in rows]
+    steps = [b @ along(2, row.values["d"], row.values["theta"]) for row, b in zip(rows, between, strict=True)]
     end = np.eye(4)
     if not modified:
-        theta = [_turn(2, row.values["theta"]) for row in rows]
-        after = [_slide(2, row.values["d"]) @ b for row, b in zip(rows, between, strict=True)]
+        theta = [along(2, 0.0, row.values["theta"]) for row in rows]
+        after = [along(2, row.values["d"], 0.0) @ b for row, b in zip(rows, between, strict=True)]
         steps = [before @ t for before, t in zip([np.eye(4), *after[:-1]], theta, strict=True)]
         end = after[-1]
     names = ["base", *(f"link_{k + 1}" for k in range(len(rows))), "flange"]
@@ -78,16 +77,6 @@ def _joint(path: Path, row: _Row, parent: str, child: str, placement: Array, kin
         mimic=None,
         place=XmlPlace(str(path), row.line),
     )
-
-
-def _slide(axis: int, way: float) -> Array:
-    out = np.eye(4)
-    out[axis, 3] = way
-    return out
-
-
-def _turn(axis: int, angle: float) -> Array:
-    return turns(np.eye(3)[axis], np.array([angle]))[0]
 
 
 def _rpy(rotation: Array) -> Array:

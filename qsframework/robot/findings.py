@@ -9,7 +9,7 @@ import numpy as np
 from qsframework.errors import InputError
 from qsframework.plugin import Array, Context, Loop, ParallelSpring, Poses, TorqueTerm
 from qsframework.robot.agreement import kernel_statics, spread_poses
-from qsframework.robot.kinematics import Frames, joint_frames
+from qsframework.robot.kinematics import joint_frames
 from qsframework.robot.robot import Robot
 from qsframework.robot.sight import depth
 from qsframework.robot.statics import GravityCheck
@@ -151,8 +151,8 @@ def _beside(robot: Robot, loop: Loop, joints: list[int]) -> Iterator[GravityChec
     if ends is None or not solids or ends.shape[1] < 2:
         return
     placed = joint_frames(robot.facts, np.zeros((1, robot.facts.n)))
-    corner = _frame(placed, joints[0]) @ robot.facts.placements[joints[0]] @ np.append(ends[0, 1, 1], 1.0)
-    local = (np.linalg.inv(_frame(placed, driven)) @ corner)[:3]
+    corner = placed.placement(joints[0])[0] @ robot.facts.placements[joints[0]] @ np.append(ends[0, 1, 1], 1.0)
+    local: Array = np.linalg.solve(placed.placement(driven)[0], corner)[:3]
     outside = -max(depth(shape, local) for shape in solids)
     lever = float(np.linalg.norm(ends[0, 0, 1] - ends[0, 0, 0]))
     if outside > _BESIDE * lever:
@@ -163,9 +163,3 @@ def _beside(robot: Robot, loop: Loop, joints: list[int]) -> Iterator[GravityChec
 
 def _index(robot: Robot, joint: str) -> int | None:
     return robot.facts.joint_index(joint) if joint in robot.facts.joints else None
-
-
-def _frame(placed: Frames, link: int) -> Array:
-    out = np.eye(4)
-    out[:3, :3], out[:3, 3] = placed.rotations[link, :, :, 0].T, placed.positions[link, :, 0]
-    return out

@@ -14,8 +14,8 @@ from functools import cached_property
 
 import numpy as np
 
-from qsframework.plugin.angles import cos_sin
 from qsframework.plugin.facts import Array, RobotFacts
+from qsframework.plugin.rotations import cos_sin, homogeneous
 
 Terms = tuple[tuple[int, float], ...]
 """The weights of a sum of columns that are not 0; constants of arms are mostly 0 and +-1, which cost nothing."""
@@ -146,6 +146,10 @@ class Frames:
         if link == FLOOR:
             return np.repeat(np.eye(3)[None], self.positions.shape[-1], axis=0)
         return np.ascontiguousarray(self.rotations[link].transpose(2, 1, 0))
+
+    def placement(self, link: int) -> Array:
+        """Placement (N, 4, 4) of a link."""
+        return homogeneous(self.matrix(link), self.positions[link].T)
 
 
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from qsframework.plugin import Array
+from qsframework.robot.kinematics import Chain, Element, frames
 from qsframework.robot.scaffold_joints import slides, used_limits
 from qsframework.robot.urdf import Joint, Mimic
 
@@ -44,34 +45,20 @@ def _farthest(chain: Sequence[Joint], following: Mapping[str, Mimic], end: str) 
 
 def _distance(chain: Sequence[Joint], following: Mapping[str, Mimic], values: dict[str, Array], end: str) -> Array:
     """Distances (N,) m from the first axis that turns. values (N,): of the joints with a motor; the others follow."""
-    count = len(next(iter(values.values())))
-    turn, place = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))
-    axis: tuple[Array, Array] | None = None
+    place, moving, elements = np.eye(4), [joint for joint in chain if joint.moves], list[Element]()
     for joint in chain:
-        at = joint.origin.matrix()
-        place = place + turn @ at[:3, 3]
-        turn = turn @ at[:3, :3]
-        if joint.name == end:
-            break
+        place = place @ joint.origin.matrix()
         if not joint.moves:
             continue
-        along = joint.axis / np.linalg.norm(joint.axis)
         follows = following.get(joint.name)
         if follows is not None:
             values[joint.name] = follows.multiplier * values[follows.joint] + follows.offset
-        value = values[joint.name]
-        if slides(joint):
-            place = place + value[:, None] * (turn @ along)
-            continue
-        axis = (place, turn @ along) if axis is None else axis
-        turn = turn @ _about(along, value)
-    start, direction = axis if axis is not None else (place, place)
-    return np.asarray(np.linalg.norm(np.cross(direction, place - start), axis=1), dtype=np.float64)
-
-
-def _about(axis: Array, angle: Array) -> Array:
-    """Rotations (N, 3, 3) about a unit axis (3,) by angles (N,) rad."""
-    x, y, z = axis
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    s, c = np.sin(angle)[:, None, None], np.cos(angle)[:, None, None]
-    return np.asarray(np.eye(3) + s * cross + (1.0 - c) * (cross @ cross), dtype=np.float64)
+        elements.append(Element(place, joint.axis / np.linalg.norm(joint.axis), not slides(joint)))
+        place = np.eye(4)
+    count = len(elements)
+    q = [values[joint.name] for joint in moving]
+    placed = frames(Chain(tuple(elements), tuple(range(count + 1))), q, len(q[0]))
+    names = [joint.name for joint in moving]
+    at = placed.origins[names.index(end)] if end else placed.point(count, place[:3, 3])
+    first = next(e for e, element in enumerate(elements) if element.rotation)
+    return np.asarray(np.linalg.norm(np.cross(placed.axes[first], at - placed.origins[first], axis=0), axis=0))

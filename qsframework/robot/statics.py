@@ -67,8 +67,4 @@ def potential_energy(robot: Robot, q: Array) -> Array:
 
 def _flange(robot: Robot, q: Array) -> Array:
     """Placements (N, 4, 4) of the flange by the batch kernel."""
-    placed = joint_frames(robot.facts, q)
-    out = np.tile(np.eye(4), (len(q), 1, 1))
-    out[:, :3, :3] = placed.matrix(robot.flange.link)
-    out[:, :3, 3] = placed.positions[robot.flange.link].T
-    return out @ robot.flange.placement
+    return joint_frames(robot.facts, q).placement(robot.flange.link) @ robot.flange.placement

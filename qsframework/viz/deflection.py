@@ -9,6 +9,7 @@ import numpy as np
 from qsframework.elastostatics import Model
 from qsframework.elastostatics.equilibrium import settle
 from qsframework.elastostatics.motion import move, nominal_actuators
+from qsframework.elastostatics.so3 import exponential, rotation_vector
 from qsframework.elastostatics.state import State, place
 from qsframework.plugin import Array, Context, Poses
 from qsframework.viz.robot_shapes import link_frames
@@ -40,7 +41,7 @@ class Deflection:
         out = frames.copy()
         out[:, :3, 3] += factor * self.move[i]
         for link, turn in enumerate(self.turn[i]):
-            out[link, :3, :3] = rotation(factor * turn) @ frames[link, :3, :3]
+            out[link, :3, :3] = exponential(factor * turn) @ frames[link, :3, :3]
         return out
 
 
@@ -64,7 +65,7 @@ def _deflection(
     before, after = (np.stack([link_frames(s.placed, i) for i in range(count)]) for s in (state, loaded))
     turn = np.array(
         [
-            [vector(b[:3, :3] @ a[:3, :3].T) for a, b in zip(*pair, strict=True)]
+            [rotation_vector(b[:3, :3] @ a[:3, :3].T) for a, b in zip(*pair, strict=True)]
             for pair in zip(before, after, strict=True)
         ]
     )
@@ -86,21 +87,3 @@ def rigid(model: Model, q: Array) -> State:
     phi = nominal_actuators(layout, np.ascontiguousarray(q.T))
     motion = move(layout, context, phi, np.zeros((layout.bars, len(q))))
     return place(motion, model.tip, model.markers)
-
-
-def rotation(v: Array) -> Array:
-    """The rotation (3, 3) by a rotation vector (3,)."""
-    angle = float(np.linalg.norm(v))
-    if angle == 0.0:
-        return np.eye(3)
-    x, y, z = v / angle
-    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * (K @ K)
-
-
-def vector(R: Array) -> Array:
-    """The rotation vector (3,) of a rotation (3, 3) by less than half a turn."""
-    half = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    sine = float(np.linalg.norm(half))
-    angle = float(np.arctan2(sine, 0.5 * (np.trace(R) - 1.0)))
-    return half if sine == 0.0 else half * (angle / sine)

@@ -6,6 +6,7 @@ import numpy as np
 
 from qsframework.plugin import Array, Loop, ParallelSpring, RobotFacts
 from qsframework.plugin.loops import follow
+from qsframework.plugin.rotations import homogeneous
 from qsframework.robot import Robot, Shape
 from qsframework.robot.kinematics import Frames
 from qsframework.robot.mesh import coarser
@@ -25,10 +26,7 @@ _THIN = 0.018
 
 def link_frames(placed: Frames, i: int) -> Array:
     """The frames (links, 4, 4) of the moving links at pose i."""
-    out = np.tile(np.eye(4), (len(placed.positions), 1, 1))
-    out[:, :3, :3] = placed.rotations[:, :, :, i].transpose(0, 2, 1)
-    out[:, :3, 3] = placed.positions[:, :, i]
-    return out
+    return homogeneous(placed.rotations[:, :, :, i].transpose(0, 2, 1), placed.positions[:, :, i])
 
 
 def reach(facts: RobotFacts) -> float:

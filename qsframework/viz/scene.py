@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from qsframework.plugin import Array, Indices
+from qsframework.plugin.rotations import homogeneous
 from qsframework.viz.packed import Drawn, corners
 from qsframework.viz.page import render
 
@@ -165,9 +166,7 @@ def _short(point: Array) -> tuple[float, ...]:
 
 def placed_at(position: Array) -> Array:
     """A placement (4, 4) at a position (3,), not turned."""
-    out = np.eye(4)
-    out[:3, 3] = position
-    return out
+    return homogeneous(np.eye(3), position)
 
 
 def along(start: Array, end: Array) -> Array:

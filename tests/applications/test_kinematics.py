@@ -26,12 +26,14 @@ from qsframework.applications.kinematics import (
 )
 from qsframework.cli.main import app
 from qsframework.elastostatics import Site, make_model
+from qsframework.elastostatics.so3 import exponential, from_quaternion
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, load_experiment
 from qsframework.identify import FitRecord
 from qsframework.plugin import Array, Poses
+from qsframework.plugin.rotations import homogeneous, turns
 from qsframework.robot import Drive, load_robot, robot_names
-from qsframework.robot.denavit import Serial, denavit, turns
+from qsframework.robot.denavit import Serial, denavit
 from tests.identify.records import record
 
 TEXT = """
@@ -137,19 +139,15 @@ def test_the_formula_of_each_table(one: Fitted, tmp_path: Path) -> None:
     """The product that the head of the file states, from its rows alone."""
 
     def turn(axis: int, degrees: float) -> Array:
-        return turns(np.eye(3)[axis], np.deg2rad([degrees]))[0]
+        return homogeneous(turns(np.eye(3)[axis], np.deg2rad(degrees)), np.zeros(3))
 
     def move(axis: int, mm: float) -> Array:
-        out = np.eye(4)
-        out[axis, 3] = 1e-3 * mm
-        return out
+        return homogeneous(np.eye(3), 1e-3 * mm * np.eye(3)[axis])
 
     def pose(p: dict[str, float]) -> Array:
         place = move(0, p["x_mm"]) @ move(1, p["y_mm"]) @ move(2, p["z_mm"])
-        vector = np.array([p["quat_x"], p["quat_y"], p["quat_z"]])
-        size = float(np.linalg.norm(vector))
-        angle = np.array([2.0 * np.arctan2(size, p["quat_w"])])
-        return place @ turns(vector / size, angle)[0] if size else place
+        turned = from_quaternion(np.array([p[f"quat_{k}"] for k in "wxyz"]))
+        return place @ homogeneous(turned, np.zeros(3))
 
     q = np.random.default_rng(2).uniform(-3.0, 3.0, 6)
     for convention in ("dh", "mdh", "hayati"):
@@ -173,10 +171,7 @@ def test_tables_of_every_robot(name: str, size: float) -> None:
     robot, rng = load_robot(name), np.random.default_rng(0)
     placements = robot.facts.placements.copy()
     for placement in placements:
-        v = size * rng.normal(size=3)
-        error = turns(v / max(float(np.linalg.norm(v)), 1e-300), np.linalg.norm(v)[None])[0]
-        error[:3, 3] = size * rng.normal(size=3)
-        placement[:] = placement @ error
+        placement[:] = placement @ homogeneous(exponential(size * rng.normal(size=3)), size * rng.normal(size=3))
     serial = Serial(placements, robot.facts.axes, robot.flange.placement)
     q = rng.uniform(-3.0, 3.0, (50, robot.facts.n))
     for hayati, most in ((False, 1e-9), (True, 1e-13)):

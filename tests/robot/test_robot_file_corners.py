@@ -10,7 +10,7 @@ import pytest
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment
 from qsframework.robot.copied import robot_files
-from qsframework.robot.corrected import _tree, _turn  # pyright: ignore[reportPrivateUsage]
+from qsframework.robot.corrected import _tree  # pyright: ignore[reportPrivateUsage]
 from qsframework.robot.expand import read_tree
 from qsframework.robot.kinematics import joint_frames
 from qsframework.robot.named_files import entry_effects, named_file
@@ -129,14 +129,6 @@ def test_a_file_of_effects_is_not_run_without_trust(m900ib: Experiment, tmp_path
         entry_effects({"file": "mine.py", "effect": ["a"]}, tmp_path, facts, trust=True)
     plain = entry_effects({"effect": "joint_compliance", "joint": "joint_2"}, tmp_path, facts)
     assert [e.name for e in plain] == ["joint_compliance[joint_2]"]
-
-
-def test_a_turn_is_a_rotation() -> None:
-    axis = np.array([2.0, -1.0, 2.0]) / 3.0
-    R = _turn(axis, 0.7)[:3, :3]
-    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-15)
-    np.testing.assert_allclose(R @ axis, axis, atol=1e-15)
-    assert np.trace(R) == pytest.approx(1.0 + 2.0 * np.cos(0.7))
 
 
 def test_a_corrected_urdf_needs_the_robots_file(m900ib: Experiment, tmp_path: Path) -> None:
