@@ -19,9 +19,10 @@ USER_VENV := build/user-venv
 
 # One dot for every package that pip looks at; its errors still show.
 DOTS := awk '/^ *(Collecting|Obtaining)/ {printf "."; fflush()} /^Installing collected/ {printf " installing\n"; fflush()} END {print ""}'
-# One thread per worker: two workers with threaded linear algebra only get in each other's way.
+# One thread per worker: workers with threaded linear algebra only get in each other's way. Of two cores a third worker
+# takes what is left while tests wait for a browser or a cluster.
 # Each worker has files as a whole, so that what the tests of a file share is made once; who is done first helps the other.
-TWO := -n 2 --dist worksteal
+WORKERS := -n 3 --dist worksteal
 # Tests start hundreds of commands: where the environment keeps Python from storing what it compiled, each compiles all again.
 ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=
 
@@ -49,7 +50,7 @@ test: $(TESTED) $(DOCUMENTED)  ## lint, format, types and all tests
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check --quiet . || { echo "formatting differs: run $(BIN)/ruff format"; exit 1; }
 	@PYRIGHT_PYTHON_IGNORE_WARNINGS=1 $(BIN)/pyright --pythonpath $(BIN)/python & types=$$!; failed=0; \
-		$(ONE_THREAD) $(BIN)/python -m pytest $(TWO) || failed=$$?; \
+		$(ONE_THREAD) $(BIN)/python -m pytest $(WORKERS) || failed=$$?; \
 		wait $$types || { failed=$$?; echo "pyright found errors: they stand above, among the tests' dots"; }; exit $$failed
 
 size:  ## lines of code, tokens, files and mean line of the library, plugins, templates and tests
@@ -60,7 +61,7 @@ golden: $(TESTED) $(DOCUMENTED)  ## 190 command lines held to what is recorded o
 
 coverage: $(TESTED) $(DOCUMENTED)  ## branch coverage of the library, package by package; 95 % of the five that compute
 	@mkdir -p build
-	@COVERAGE_FILE=build/coverage $(ONE_THREAD) $(BIN)/python -m pytest $(TWO) -q --cov --cov-report=json:build/coverage.json
+	@COVERAGE_FILE=build/coverage $(ONE_THREAD) $(BIN)/python -m pytest $(WORKERS) -q --cov --cov-report=json:build/coverage.json
 	@$(BIN)/python tests/coverage_table.py build/coverage.json
 
 docs: $(DOCUMENTED)  ## build the site into build/site, with no warning

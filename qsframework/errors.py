@@ -160,6 +160,11 @@ def near_name(name: str, allowed: Iterable[str]) -> str | None:
     return known[close[0]] if close else None
 
 
+def listed(names: Sequence[str]) -> str:
+    """Names in a sentence: `a`, `a and b`, `a, b and c`."""
+    return " and ".join([", ".join(names[:-1]), names[-1]] if names[1:] else names)
+
+
 def some_of(names: Sequence[str], most: int = 8, between: str = ", ") -> str:
     """Names in a sentence, the first of many."""
     return between.join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")

@@ -52,9 +52,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Thousands of tests and all modules live to the end: garbage is not looked for among them again and again."""
+    """Thousands of tests and all modules live to the end: garbage is not looked for among them again and again, and
+    seldom among what tests share."""
     gc.collect()
     gc.freeze()
+    gc.set_threshold(50_000, 20, 100)
     gc.set_threshold(50_000)
 
 

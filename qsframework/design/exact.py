@@ -100,8 +100,7 @@ def exchange(
     rule = criterion if isinstance(criterion, Robust) else Robust(criterion)
     moments = moments_of(four)
     before = np.zeros(moments.shape[1:]) if prior is None else prior
-    slots = tuple(g for g, count in enumerate(quotas.counts) for _ in range(count))
-    board = _Board(rows=four, moments=moments, prior=before, rule=rule, quotas=quotas, slots=slots)
+    board = _Board(rows=four, moments=moments, prior=before, rule=rule, quotas=quotas, slots=_slots(quotas))
     apart = starts if quotas.poses < _SHARE else max(1, starts // _APART)
     firsts = [_random(quotas, weights, rng) for _ in range(apart)]
     if weights is not None:
@@ -134,8 +133,8 @@ def _pick(members: Indices, order: Indices, taken: set[int], quotas: Quotas) -> 
     )
 
 
-def _slots(quotas: Quotas) -> list[int]:
-    return [g for g, count in enumerate(quotas.counts) for _ in range(count)]
+def _slots(quotas: Quotas) -> tuple[int, ...]:
+    return tuple(g for g, count in enumerate(quotas.counts) for _ in range(count))
 
 
 def _rounded(weights: Array, quotas: Quotas, rng: np.random.Generator) -> Indices:

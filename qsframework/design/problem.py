@@ -21,7 +21,7 @@ from qsframework.experiment.simulate import prior_draws
 from qsframework.experiment.stations import Station
 from qsframework.information import Allowed, CandidateRows, MadeRows, as_rows, loss_words
 from qsframework.information.identifiable import NotEstimated, choose, in_order, kinds_of, limits_of
-from qsframework.information.rows import gathered_information
+from qsframework.information.rows import gathered_information, root
 from qsframework.information.sensitivities import plan_columns, readings_columns, sd_of_taken
 from qsframework.plugin import Array, Indices, Poses, Sensor
 from qsframework.work import HERE, Work, run
@@ -278,8 +278,7 @@ def _identifiable(problem: DesignProblem, prior: Prior) -> DesignProblem:
     block = problem.made(some)[:, 0].reshape(-1, problem.reading.width)
     p, order = len(names), [problem.names.index(n) for n in names]
     columns = np.concatenate([block[:, p:], block[:, :p][:, order]], axis=1) * np.sqrt(problem.total / len(some))
-    before = np.zeros((p, columns.shape[1]))
-    before[:, -p:] = _root(prior(names)[0])
+    before = np.pad(root(prior(names)[0]).T, ((0, 0), (columns.shape[1] - p, 0)))
     labels = [f"frame[{s.name}].{a}".replace("[]", "") for s in _unknown(problem) for a in AXES]
     limits = np.concatenate([np.full(len(labels), np.inf), limits_of(experiment.model(), names)])
     taken, held = choose(np.concatenate([columns, before]), [*labels, *names], limits)
@@ -469,7 +468,7 @@ def joint_sd(experiment: Experiment, taken: Sequence[Plan | Readings]) -> Array:
     nominal = experiment.model().nominal[None]
     M = sum((taken_information(experiment, one, names, nominal)[0] for one in taken), np.zeros((len(names),) * 2))
     if experiment.plans_positions:
-        return sd_of_taken(experiment.model(), _root(M), names)
+        return sd_of_taken(experiment.model(), root(M).T, names)
     size = np.sqrt(np.where(np.diag(M) > 0, np.diag(M), 1.0))
     values, vectors = np.linalg.eigh(M / np.outer(size, size))
     lost = values <= 1e-12 * values[-1]
@@ -483,7 +482,7 @@ def require_rank(problem: DesignProblem) -> None:
     every = [problem.indices(g) for g, count in enumerate(problem.counts) if count is None or count > 0]
     rng = np.random.default_rng(0)
     picks = [own[np.sort(rng.choice(len(own), min(_SAMPLE, len(own)), replace=False))] for own in every]
-    before = _root(problem.prior[0])
+    before = root(problem.prior[0]).T
     if _tested(problem, np.concatenate(picks), before).full:
         return
     everything = np.concatenate(every)
@@ -495,11 +494,6 @@ def require_rank(problem: DesignProblem) -> None:
         said += f". Under {touched} a dial gauge {one}" if touched else ""
         path = problem.experiment.path
         raise NotIdentifiable(f"{path}: no plan with these loads identifies the parameters: {said}")
-
-
-def _root(M: Array) -> Array:
-    values, vectors = np.linalg.eigh(M)
-    return (vectors * np.sqrt(np.maximum(values, 0.0))).T
 
 
 def _tested(problem: DesignProblem, index: Indices, before: Array) -> RankTest:

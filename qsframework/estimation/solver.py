@@ -49,6 +49,8 @@ than the digits of the cost, or less than _SLOPES of the residuals."""
 _SLOPES = 1e-6
 """What sensitivities err by where a law's own derivatives are taken by differences: of large residuals a step predicts
 so much over and over, and keeps nothing of it."""
+_TOGETHER = 60_000
+"""Rows of which one triangular factor is taken at once."""
 _ROUNDS = 50
 _SETTLED = 1e-6
 _MAD = 1.4826
@@ -235,15 +237,15 @@ class _Problem:
         o = self.observations
         return float(np.finfo(float).eps * o.reach * np.sqrt(o.noise.weights().sum()))
 
-    def rows(self, z: Array, r: Array, J: Array) -> Array:
-        """The linearised problem (m + k, q + 1), residuals in the last column: weighed by the loss, k priors below."""
+    def triangle(self, z: Array, r: Array, J: Array) -> Array:
+        """The triangular factor (q + 1, q + 1) of the linearised problem, residuals in the last column: weighed by the
+        loss, priors below. Of a long campaign part by part, which all at once would be its largest array."""
         root, (prior_r, prior_J) = np.sqrt(self.loss.weights(r)), self.prior(z)
-        count, size = J.shape
-        out = np.empty((count + len(prior_r), size + 1))  # the largest array of a long campaign: made once
-        np.multiply(J, root[:, None], out=out[:count, :size])
-        np.multiply(r, root, out=out[:count, size])
-        out[count:, :size], out[count:, size] = prior_J, prior_r
-        return out
+        R = np.column_stack([prior_J, prior_r])
+        for start in range(0, len(r), _TOGETHER):
+            part = slice(start, start + _TOGETHER)
+            R = _factor(np.vstack([np.column_stack([J[part], r[part]]) * root[part, None], R]))
+        return R
 
 
 def _other_starts(problem: _Problem, count: int, seed: int) -> list[Array]:
@@ -316,7 +318,7 @@ class _State:
     def linear(self) -> tuple[Array, Array]:
         """The linear least squares A d = b (q + 1, q) of a step d from here, weighed by the loss, priors included: the
         triangular factor of its rows."""
-        R = _factor(self.problem.rows(self.z, self.residuals, self.J))
+        R = self.problem.triangle(self.z, self.residuals, self.J)
         return R[:, :-1], R[:, -1]
 
     @cached_property

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from qsframework.errors import InputError
-from qsframework.plugin import Array, Context, Loop, ParallelSpring, Poses, TorqueTerm
+from qsframework.plugin import Context, Loop, ParallelSpring, Poses, TorqueTerm
 from qsframework.robot.agreement import kernel_statics, spread_poses
 from qsframework.robot.kinematics import joint_frames
 from qsframework.robot.robot import Robot
@@ -152,7 +152,7 @@ def _beside(robot: Robot, loop: Loop, joints: list[int]) -> Iterator[GravityChec
         return
     placed = joint_frames(robot.facts, np.zeros((1, robot.facts.n)))
     corner = placed.placement(joints[0])[0] @ robot.facts.placements[joints[0]] @ np.append(ends[0, 1, 1], 1.0)
-    local: Array = np.linalg.solve(placed.placement(driven)[0], corner)[:3]
+    local = np.asarray(np.linalg.solve(placed.placement(driven)[0], corner), dtype=np.float64)[:3]
     outside = -max(depth(shape, local) for shape in solids)
     lever = float(np.linalg.norm(ends[0, 0, 1] - ends[0, 0, 0]))
     if outside > _BESIDE * lever:

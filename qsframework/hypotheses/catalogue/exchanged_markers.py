@@ -13,6 +13,7 @@ from itertools import combinations
 
 import numpy as np
 
+from qsframework.errors import listed
 from qsframework.hypotheses.hypothesis import Hypothesis
 from qsframework.hypotheses.linearized import Linearized
 from qsframework.plugin import Array, Indices
@@ -156,8 +157,7 @@ def _changes(fit: Linearized, orders: Sequence[Indices]) -> Array:
 def _swap_words(fit: Linearized, order: Indices, single: bool) -> str:
     readings = fit.readings
     at = [fit.keep[i] for i in order[:, 0]]
-    names = [fit.experiment.markers[int(m)].name for m in np.unique(readings.marker[at])]
-    said = " and ".join(names) if len(names) == 2 else f"{', '.join(names[:-1])} and {names[-1]}"
+    said = listed([fit.experiment.markers[int(m)].name for m in np.unique(readings.marker[at])])
     where = f"pose {readings.states.pose[readings.plus[at[0]]]}" if single else "all poses"
     rows = ", ".join(str(readings.line[i]) for i in fit.keep[np.unique(order)][:6])
     return f"markers {said} are exchanged at {where} (rows {rows}): the readings fit far better if exchanged"

@@ -12,6 +12,7 @@ from itertools import combinations, permutations
 import numpy as np
 import numpy.typing as npt
 
+from qsframework.errors import listed
 from qsframework.estimation import Independent, LinearFit
 from qsframework.estimation.linear_fit import chance
 from qsframework.estimation.tails import chi2_isf, chi2_sf, f_sf
@@ -258,8 +259,7 @@ def marker_rigidity(experiment: Experiment, readings: Readings, level: float = L
 
 
 def _names(experiment: Experiment, marker: Indices) -> str:
-    names = [experiment.markers[int(m)].name for m in marker]
-    return " and ".join(names) if len(names) < 3 else f"{', '.join(names[:-1])} and {names[-1]}"
+    return listed([experiment.markers[int(m)].name for m in marker])
 
 
 def _exchanged_everywhere(experiment: Experiment, readings: Readings) -> list[Finding]:

@@ -8,9 +8,8 @@ from qsframework.applications.day.judge import Check
 from qsframework.applications.day.mistakes import Explanation
 from qsframework.applications.day.record import Slot
 from qsframework.applications.day.so_far import SoFar
-from qsframework.errors import some_of
+from qsframework.errors import listed, some_of
 from qsframework.plugin import Array
-from qsframework.report.words.lists import listed
 from qsframework.units import JointUnits
 
 _ASKED = {

@@ -8,11 +8,11 @@ import numpy as np
 
 from qsframework.diagnose.foresight import DetectableSize, Foresight, Outlook, PowerCurve, Prospect, Why
 from qsframework.diagnose.unknown import SIZE, PlaceOutlook, UnknownOutlook
+from qsframework.errors import listed
 from qsframework.hypotheses.catalogue.causes import REACH
 from qsframework.report.blocks import Mark, Verdict
 from qsframework.report.words.follow_up import mounts_words
 from qsframework.report.words.law import place_words
-from qsframework.report.words.lists import listed
 from qsframework.report.words.sizes import people_size
 
 _WORST = 3

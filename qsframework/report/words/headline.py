@@ -8,10 +8,9 @@ import numpy as np
 
 from qsframework.diagnose.result import Diagnosis, NamedCause
 from qsframework.diagnose.verdict import MANY, misfits
-from qsframework.errors import some_of
+from qsframework.errors import listed, some_of
 from qsframework.report.blocks import Mark, Verdict
 from qsframework.report.words.law import moving_words
-from qsframework.report.words.lists import listed
 from qsframework.report.words.sizes import mm
 from qsframework.screening import Mistake, adopted
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+from qsframework.errors import listed
 from qsframework.hypotheses.catalogue.law import Law, LikelyPlace
 from qsframework.plugin import RobotFacts
-from qsframework.report.words.lists import listed
 
 _FACTORS = {
     "torque": "the torque there",

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from qsframework.diagnose.result import Diagnosis, Status
 from qsframework.diagnose.second_day import FollowUp
 from qsframework.diagnose.verdict import misfits
+from qsframework.errors import listed
 from qsframework.hypotheses.catalogue.law import Law
 from qsframework.report.words.follow_up import WORTH, mount_words, percent
 from qsframework.report.words.headline import names_words, poses_words, worst_poses
 from qsframework.report.words.law import place_words, variable_words
-from qsframework.report.words.lists import listed
 
 FEW = 20
 """Poses below which an error that markers share is hardly told from a cause, without repeats."""
