@@ -30,14 +30,8 @@ from qsframework.plugin import (
     SpringLaw,
     StiffnessTerm,
     VirtualJoint,
+    cross_matrix,
 )
-from qsframework.plugin.laws import turn
-
-
-def skew(v: Array) -> Array:
-    x, y, z = np.moveaxis(v, -1, 0)
-    zero = np.zeros_like(x)
-    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*x.shape, 3, 3)
 
 
 @dataclass(frozen=True)
@@ -164,14 +158,14 @@ class Hook(Load):
         force = loads.wrench[:, :3] * (1 + scale)
         d_wrench = np.zeros((len(force), 6, 6))
         d_wrench[:, :3, :3] = np.eye(3) * (1 + scale)
-        d_wrench[:, 3:, :3] = skew(arm) * (1 + scale)
+        d_wrench[:, 3:, :3] = cross_matrix(arm) * (1 + scale)
         d_wrench[:, 3:, 3:] = np.eye(3)
         wrench = np.concatenate([force, loads.wrench[:, 3:] + np.cross(arm, force)], axis=1)
         dx = np.zeros((len(force), 6, 3))
         dx[:, :3, 0], dx[:, 3:, 0] = loads.wrench[:, :3], np.cross(arm, loads.wrench[:, :3])
         dx[:, 3:, 1] = np.cross(loads.rotation @ np.array([1.0, 0.0, 2.0]), force)
         d_rotation = np.zeros((len(force), 6, 3))
-        d_rotation[:, 3:] = skew(force) @ skew(arm)
+        d_rotation[:, 3:] = cross_matrix(force) @ cross_matrix(arm)
         moments = np.zeros((*loads.moments.shape, 3))
         moments[3, :, 2] = (1.0, 0.2, 0.0, 0.1)
         return LoadTerm(wrench, d_wrench, dx, d_rotation, moments @ x, moments)
@@ -194,8 +188,7 @@ class CrookedTracker(Sensor):
         drift = (1 + 1e-4 * context.conditions.time)[:, None, None]
         dx = np.stack([reading.rotation @ unit * factor, (reading.position + arm) * drift], axis=-1)
         d_position = np.broadcast_to(np.eye(3) * factor[..., None], (*position.shape, 3))
-        return SensorTerm(position, d_position, dx, -skew(arm) * factor[..., None])
+        return SensorTerm(position, d_position, dx, -cross_matrix(arm) * factor[..., None])
 
 
 ALL = (BentLoop(), Placements(), Links(), TwoJointSpring(), Cubic(), Hook(), CrookedTracker())
-__all__ = ["ALL", "turn"]
