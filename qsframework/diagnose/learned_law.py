@@ -30,6 +30,13 @@ from qsframework.plugin.settings import place_fields
 
 _PREDICTS = 0.98
 """Share of the held-out error with some names below which a law stands in their place."""
+HALF = 0.5
+"""Share of a law from which on a cause at its place counts as alike."""
+CLOSE = 0.9
+"""Share of a law from which on a cause is its rival, wherever it acts."""
+_ABSORBED = 1e-3
+"""Share of a column that must remain beside what is fitted, else nothing can be compared with it."""
+_MOST = 3
 
 
 def tested(found: FoundCauses, options: SearchOptions) -> tuple[FoundCauses, Remaining, Beside]:
@@ -115,15 +122,6 @@ def _average(base: Baseline, kept: Sequence[Cause], laws: Sequence[tuple[float, 
 def _within_bounds(fit: SettledFit) -> bool:
     bounds = {p.name: (p.lower, p.upper) for p in fit.model.parameters}
     return all(bounds[n][0] <= v <= bounds[n][1] for n, v in fit.by_name().items())
-
-
-HALF = 0.5
-"""Share of a law from which on a cause at its place counts as alike."""
-CLOSE = 0.9
-"""Share of a law from which on a cause is its rival, wherever it acts."""
-_ABSORBED = 1e-3
-"""Share of a column that must remain beside what is fitted, else nothing can be compared with it."""
-_MOST = 3
 
 
 def alike(case: Case, kept: Sequence[Cause], fit: SettledFit, law: Law, learned: Cause) -> tuple[Alike, ...]:

@@ -39,6 +39,16 @@ _LIKELY = 60
 """Laws over which each fold averages anew, to say whether what is learned predicts."""
 _SPEAKS, _BESIDE = 1.5, 4.0
 """Nats for some part of the arm that moves from which on it is said: where nothing is named, and beside names."""
+_HOLDS = 0.9
+"""Share of a name's effect that a block must be able to do to count as one that holds it."""
+_ODDS = 0.1
+"""Of all blocks that do not hold a name together, against it."""
+_LEAST = 6.2
+"""Nats from which on something is left, whatever the draws of plain noise say: real noise has tails and grows."""
+BEATS = 3.0
+"""Nats by which a block that holds a name may be better; beyond them any block may stand in its place."""
+_NEAR = 6.0
+"""Nats below the likeliest law within which one axis of a place may be likelier still."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -202,18 +212,6 @@ def with_alternatives(findings: Sequence[NamedCause], remaining: Remaining, besi
     names = [f.name for f in findings]
     law = {n: remaining.alternatives.get(n) or likelier_place(n, {*names} - {n}, beside) for n in names}
     return tuple(replace(f, instead=law[f.name]) for f in findings)
-
-
-_HOLDS = 0.9
-"""Share of a name's effect that a block must be able to do to count as one that holds it."""
-_ODDS = 0.1
-"""Of all blocks that do not hold a name together, against it."""
-_LEAST = 6.2
-"""Nats from which on something is left, whatever the draws of plain noise say: real noise has tails and grows."""
-BEATS = 3.0
-"""Nats by which a block that holds a name may be better; beyond them any block may stand in its place."""
-_NEAR = 6.0
-"""Nats below the likeliest law within which one axis of a place may be likelier still."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,6 +23,10 @@ from qsframework.plugin import Array, Indices
 
 Flags = npt.NDArray[np.bool_]
 """Of each row, (R,)."""
+_TOLD_APART = ("read", "sigma", "time", "temperature", "time_unloaded", "temperature_unloaded", "use")
+"""Columns in which reads of one marker at one visit may differ, beside what was measured."""
+_SURE = 1e-3
+"""Chance below which reads of one visit differ by less than the stated noise has them: the rest is the visit's."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -181,12 +185,6 @@ def _unfilled(table: Table, empty: Flags, stems: Sequence[str]) -> list[Problem]
     hint = "Fill in what was measured; put 0 in the column use of a row that was not."
     stem = next((s for s in stems if s in table.names), stems[0])
     return [table.problem(rows[0], stem, message, "''", "a number", hint)]
-
-
-_TOLD_APART = ("read", "sigma", "time", "temperature", "time_unloaded", "temperature_unloaded", "use")
-"""Columns in which reads of one marker at one visit may differ, beside what was measured."""
-_SURE = 1e-3
-"""Chance below which reads of one visit differ by less than the stated noise has them: the rest is the visit's."""
 
 
 @dataclass(frozen=True, eq=False)

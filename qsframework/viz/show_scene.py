@@ -30,6 +30,11 @@ _PLAIN_FORCE = 1000.0
 """Force (N) of the ellipsoids where no pose is loaded; a tenth, or less, on a soft arm."""
 _WIDE = 0.3
 """Half axis, as a part of the arm's reach, that such an ellipsoid does not exceed."""
+FORCE: Colour = (0.8, 0.1, 0.1, 1.0)
+MOMENT: Colour = (0.55, 0.1, 0.65, 1.0)
+_INK = {"force": "#a01010", "moment": "#6b1278"}
+_LONGEST = 0.7
+"""Length (m) of the arrow of the plan's largest force, and of its largest moment."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,13 +226,6 @@ class _Drawing:
         self.scene.notes.append(
             f"Purple arrows: measured minus predicted, x {self.scale:g}; RMS per axis {rms:.4f} mm."
         )
-
-
-FORCE: Colour = (0.8, 0.1, 0.1, 1.0)
-MOMENT: Colour = (0.55, 0.1, 0.65, 1.0)
-_INK = {"force": "#a01010", "moment": "#6b1278"}
-_LONGEST = 0.7
-"""Length (m) of the arrow of the plan's largest force, and of its largest moment."""
 
 
 def draw_loads(scene: Scene, path: str, point: Array, wrench: Array, largest: Array) -> None:
