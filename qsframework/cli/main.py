@@ -334,10 +334,11 @@ def main() -> None:
 
 def _refuse_empty(words: Sequence[str]) -> None:
     """InputError for an option or an argument whose value is empty, which would be read as the folder `.`."""
-    for before, word in zip(["", *words], words, strict=False):
+    for option, before, word in zip(["", "qsf", *words], ["qsf", *words], words, strict=False):
         bare = word.startswith("--") and word.endswith("=")
         if bare or not word:
-            named = word[:-1] if bare else before if before.startswith("-") else f"the argument after {before or 'qsf'}"
+            after = f"{option} {before}" if option.startswith("-") else before
+            named = word[:-1] if bare else before if before.startswith("-") else f"the argument after {after}"
             raise InputError(Problem(f"{named}: the value is empty", hint="Give it a value, or leave it out."))
 
 

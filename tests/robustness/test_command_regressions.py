@@ -17,6 +17,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 REFUSED = {
     "simulate experiment.yaml '' -o x.csv": "error: the argument after experiment.yaml: the value is empty",
+    "design experiment.yaml -n 4 '' --no-polish": "error: the argument after -n 4: the value is empty",
     "identify experiment.yaml readings.csv --fixed J --tied J,joint_compliance[shoulder]": "tied twice: J",
     "validate experiment.yaml fit.json --halves 2147483648": "--halves",
     "design experiment.yaml -n 100000000000000000000": "--poses",
