@@ -101,19 +101,18 @@ class Collider:
         request = library.CollisionRequest()
         request.security_margin = self.clearance
         order = rows[np.argsort(rows[:, 1], kind="stable")]
-        starts = np.flatnonzero(np.diff(order[:, 1], prepend=-1))
-        for start, stop in zip(starts, [*starts[1:], len(order)], strict=True):
-            pose = int(order[start, 1])
-            where: dict[int, Any] = {}
-            for pair in order[start:stop, 0].tolist():
-                ends = [int(k) for k in self.pairs[pair]]
-                for k in ends:
-                    if k not in where:
-                        where[k] = _transform(library, self.shapes[k], placed, pose)
-                if _touch(library, request, [(self.shapes[k], where[k]) for k in ends]):
-                    yield pair, pose
-                    if once:
-                        break
+        both = np.stack([self.pairs[order[:, 0]], np.repeat(order[:, 1:], 2, axis=1)], axis=2).reshape(-1, 2)
+        stands, at = np.unique(both, axis=0, return_inverse=True)
+        turned, placed_at = _stand(self.shapes, placed, *stands.T)
+        where, done = [None] * len(stands), -1
+        for (pair, pose), ends in zip(order.tolist(), at.reshape(-1, 2).tolist(), strict=True):
+            if once and pose == done:
+                continue
+            for i in ends:
+                where[i] = where[i] or library.Transform3s(turned[i], placed_at[i])
+            if _touch(library, request, [(self.shapes[int(stands[i, 0])], where[i]) for i in ends]):
+                yield pair, pose
+                done = pose
 
 
 def _coal() -> Any:
@@ -370,7 +369,8 @@ def _surface(shape: Shape) -> Any:
     return model
 
 
-def _transform(library: Any, shape: Shape, placed: Frames, pose: int) -> Any:
-    rotation = placed.rotations[shape.link, :, :, pose].T
-    position = placed.positions[shape.link, :, pose] + rotation @ shape.placement[:3, 3]
-    return library.Transform3s(rotation @ shape.placement[:3, :3], position)
+def _stand(shapes: Sequence[Shape], placed: Frames, solid: Indices, pose: Indices) -> tuple[Array, Array]:
+    """Rotations (k, 3, 3) and positions (k, 3) of solids, by number (k,), at poses (k,)."""
+    link, own = np.array([shape.link for shape in shapes])[solid], np.array([s.placement for s in shapes])[solid]
+    turned = placed.rotations[link, :, :, pose].transpose(0, 2, 1)
+    return turned @ own[:, :3, :3], placed.positions[link, :, pose] + (turned @ own[:, :3, 3:])[..., 0]
