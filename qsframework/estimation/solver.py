@@ -38,7 +38,7 @@ _BLUR = 1e-15
 _CURVED = 0.02
 """Relative change of the sensitivities over a parameter's spread above which other starts are tried."""
 _ALL_AT_ONCE = 0.25
-"""Share of that, for a step of all parameters together, below which none of them is looked at by itself."""
+"""Share of that, for a step of several parameters together, below which none of them is looked at by itself."""
 _NEAR = 0.3
 """Sensitivities are not taken again after a step that changes the prediction by less than so many sds of a reading."""
 _SLOW = 0.05
@@ -267,12 +267,18 @@ def _other_starts(problem: _Problem, count: int, seed: int) -> list[Array]:
             return np.inf
         return float(np.max(np.linalg.norm(there - J, axis=0) / columns, initial=0.0))
 
-    # all at once, each by a share of its own so that no two cancel: one step tells a model that is as good as linear
+    # many at once, each by a share of its own so that no two cancel: one step tells that they are as good as linear
     shares = np.random.default_rng(seed).uniform(0.5, 1.0, reduction.free)
-    if changed(far * shares) <= _ALL_AT_ONCE * _CURVED:
-        return []
-    curved = [changed(np.where(np.arange(reduction.free) == i, far, 0.0)) > _CURVED for i in range(reduction.free)]
-    if not any(curved):
+    curved, together = np.zeros(reduction.free, dtype=bool), [np.arange(reduction.free)]
+    while together:
+        some = together.pop()
+        away = np.zeros(reduction.free)
+        away[some] = far[some] * (shares[some] if len(some) > 1 else 1.0)
+        if len(some) == 1:
+            curved[some] = changed(away) > _CURVED
+        elif changed(away) > _ALL_AT_ONCE * _CURVED:
+            together += np.array_split(some, 2)
+    if not curved.any():
         return []
     draws = np.random.default_rng(seed).uniform(-1.0, 1.0, (count, reduction.free))
     return [np.clip(d * spread * curved, reduction.lower, reduction.upper) for d in draws]
