@@ -86,7 +86,7 @@ class Command(TyperCommand):
         formatter.write("\n".join(lines) + "\n")
 
 
-class Group(TyperGroup):
+class CommandGroup(TyperGroup):
     """`qsf` with its help."""
 
     def format_help(self, ctx: Any, formatter: Any) -> None:

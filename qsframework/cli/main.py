@@ -14,7 +14,7 @@ import typer
 
 from qsframework.cli.declared import Values, expanded
 from qsframework.cli.files import DesignFiles, DiagnoseFiles, FitFiles
-from qsframework.cli.help import Command, Group
+from qsframework.cli.help import Command, CommandGroup
 from qsframework.cli.options import Anyway, DaskAddress, ExperimentFile, Jobs, Json, Report, Trust
 from qsframework.cli.printing import held_back
 from qsframework.cli.stop import Stopped, listening
@@ -34,7 +34,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
-    cls=Group,
+    cls=CommandGroup,
 )
 
 

@@ -17,7 +17,7 @@ from qsframework.hypotheses.catalogue.edits import (
     MISSING,
     OFF,
     Edit,
-    Group,
+    PoseVisits,
     angle_edits,
     copied,
     exchanges,
@@ -141,7 +141,7 @@ def _doubt(standing: Standing) -> float:
     return max(standing.unit**2, 1.0) if standing.readings.stated else 1.0
 
 
-def _best(standing: Standing, group: Group) -> Mend | None:
+def _best(standing: Standing, group: PoseVisits) -> Mend | None:
     """The edit that mends a group of rows, None where none does."""
     readings, experiment = standing.readings, standing.experiment
     edits = [
@@ -208,7 +208,7 @@ def _moved(standing: Standing, start: Edit) -> float:
     return float(misfits(standing, _converged(standing, makers, start)).min())
 
 
-def _fitted(standing: Standing, group: Group) -> list[Edit]:
+def _fitted(standing: Standing, group: PoseVisits) -> list[Edit]:
     """Angles, and forces that are missing, as the readings tell them."""
     readings = standing.readings
     start = plain(readings, group, "angle")
@@ -256,7 +256,7 @@ def _converged(standing: Standing, makers: Sequence[tuple[Callable[[float], Edit
     return [m(float(t)) for (m, _), t in zip(makers, best_at, strict=True)]
 
 
-def _exchanged(standing: Standing, every: Sequence[Group]) -> list[Mend]:
+def _exchanged(standing: Standing, every: Sequence[PoseVisits]) -> list[Mend]:
     """Pairs of poses that fit at each other's place."""
     readings = standing.readings
     out: list[Mend] = []
@@ -270,7 +270,7 @@ def _exchanged(standing: Standing, every: Sequence[Group]) -> list[Mend]:
     return out
 
 
-def _pair(standing: Standing, pairs: Sequence[tuple[Edit, Edit]], one: Group) -> list[Mend]:
+def _pair(standing: Standing, pairs: Sequence[tuple[Edit, Edit]], one: PoseVisits) -> list[Mend]:
     """The exchange that mends both."""
     if not pairs:
         return []

@@ -18,7 +18,7 @@ from qsframework.hypotheses.catalogue.edits import (
     SIGN,
     VALUES,
     Edit,
-    Group,
+    PoseVisits,
     copied,
     factor,
     group_of,
@@ -94,7 +94,7 @@ def _run(standing: Standing) -> tuple[int, ...] | None:
     return tuple(best[1]) if len(visits) * share ** int(standing.wrong[best[1]].sum()) < _CHANCE else None
 
 
-def _forces(standing: Standing, group: Group) -> Iterator[Edit]:
+def _forces(standing: Standing, group: PoseVisits) -> Iterator[Edit]:
     """The force of all poses that of a load of the experiment, or so many times as large, as the readings tell it."""
     readings = standing.readings
     start = plain(readings, group, "block", FORCE)

@@ -43,7 +43,7 @@ _MANY = 5
 
 
 @dataclass(frozen=True, eq=False)
-class Group:
+class PoseVisits:
     """Rows (k,) and states (s,) of the readings that a mistake may have touched together: visits of one pose."""
 
     visits: tuple[int, ...]
@@ -99,7 +99,7 @@ class Edit:
         return changed.masked(wrong)
 
 
-def groups(standing: Standing, most: int) -> list[Group]:
+def groups(standing: Standing, most: int) -> list[PoseVisits]:
     """The visits that stand out most, one by one, and with the others of their pose."""
     worst = np.argsort(-np.where(standing.wrong, standing.misfit, -1.0))[: min(most, int(standing.wrong.sum()))]
     out = [group_of(standing, (v,)) for v in worst.tolist()]
@@ -112,13 +112,13 @@ def groups(standing: Standing, most: int) -> list[Group]:
     return out
 
 
-def group_of(standing: Standing, visits: tuple[int, ...]) -> Group:
+def group_of(standing: Standing, visits: tuple[int, ...]) -> PoseVisits:
     """Rows and states of some visits."""
     rows = standing.rows.keep[np.isin(standing.visits.of, visits)]
-    return Group(visits, rows, np.array([s for v in visits for s in standing.visits.states[v]], dtype=np.intp))
+    return PoseVisits(visits, rows, np.array([s for v in visits for s in standing.visits.states[v]], dtype=np.intp))
 
 
-def plain(readings: Readings, group: Group, kind: str, slip: str = OFF) -> Edit:
+def plain(readings: Readings, group: PoseVisits, kind: str, slip: str = OFF) -> Edit:
     """The edit that changes nothing, to start from."""
     poses = readings.poses
     return Edit(
@@ -133,7 +133,7 @@ def plain(readings: Readings, group: Group, kind: str, slip: str = OFF) -> Edit:
     )
 
 
-def angle_edits(experiment: Experiment, readings: Readings, group: Group) -> Iterator[Edit]:
+def angle_edits(experiment: Experiment, readings: Readings, group: PoseVisits) -> Iterator[Edit]:
     """One angle, or travel, of the pose with another sign, decimal or unit, within what the controller can show."""
     start = plain(readings, group, "angle")
     for k in range(start.pendant.shape[1]):
@@ -153,7 +153,7 @@ def with_angle(start: Edit, k: int, shift: float, slip: str, unit: JointUnit) ->
     return replace(start, slip=slip, pendant=pendant, column=f"q{k + 1}", unit=unit, found=found, meant=found + shift)
 
 
-def force_edits(readings: Readings, group: Group) -> Iterator[Edit]:
+def force_edits(readings: Readings, group: PoseVisits) -> Iterator[Edit]:
     """The pose's force with another sign, decimal or unit, along one axis or as a whole, or another load's."""
     start = plain(readings, group, "force")
     loaded = readings.states.loaded[group.states]
@@ -188,7 +188,7 @@ def with_force(start: Edit, loaded: Flags, wrench: Array, slip: str) -> Edit:
     )
 
 
-def value_edits(readings: Readings, group: Group) -> Iterator[Edit]:
+def value_edits(readings: Readings, group: PoseVisits) -> Iterator[Edit]:
     """All readings of the pose, or of one of its markers, with another sign, decimal or unit."""
     start = plain(readings, group, "value")
     gauge = readings.is_gauge[group.rows]
@@ -215,7 +215,7 @@ def _axes_of(what: str, part: slice) -> str:
     return ", ".join(what + axis for axis in "xyz"[part])
 
 
-def marker_edits(readings: Readings, group: Group) -> Iterator[Edit]:
+def marker_edits(readings: Readings, group: PoseVisits) -> Iterator[Edit]:
     """Two or three markers of one state exchanged."""
     start = plain(readings, group, "swapped_markers")
     whole = np.isfinite(start.value).all(axis=1) & ~readings.is_gauge[group.rows]
@@ -231,7 +231,7 @@ def marker_edits(readings: Readings, group: Group) -> Iterator[Edit]:
         yield replace(start, value=value, column="marker", touched=start.rows[list(order)])
 
 
-def state_edits(readings: Readings, group: Group) -> Iterator[Edit]:
+def state_edits(readings: Readings, group: PoseVisits) -> Iterator[Edit]:
     """Positions of the loaded and of the unloaded state of a pose exchanged."""
     start = plain(readings, group, "states_exchanged")
     if len(group.visits) != 2 or (readings.minus[group.rows] >= 0).any():
@@ -245,7 +245,7 @@ def state_edits(readings: Readings, group: Group) -> Iterator[Edit]:
     yield replace(start, value=value, column="state")
 
 
-def repeated_readings(readings: Readings, group: Group, keep: Indices) -> Iterator[Edit]:
+def repeated_readings(readings: Readings, group: PoseVisits, keep: Indices) -> Iterator[Edit]:
     """The readings of the pose are copies of those of another pose, to the last digit: what was measured is lost."""
     start = plain(readings, group, "repeated_readings")
     if len(group.visits) > 1 or not np.isfinite(start.value).all():
@@ -266,7 +266,7 @@ def repeated_readings(readings: Readings, group: Group, keep: Indices) -> Iterat
             return
 
 
-def exchanges(readings: Readings, one: Group, two: Group) -> Iterator[tuple[Edit, Edit]]:
+def exchanges(readings: Readings, one: PoseVisits, two: PoseVisits) -> Iterator[tuple[Edit, Edit]]:
     """The readings of two poses stand at each other's angles, under each other's force or their own, or at their own
     angles under each other's force."""
     if len(one.states) != len(two.states) or len(one.rows) != len(two.rows):
@@ -279,7 +279,7 @@ def exchanges(readings: Readings, one: Group, two: Group) -> Iterator[tuple[Edit
         yield (_taken(readings, one, two, what), _taken(readings, two, one, what))
 
 
-def _taken(readings: Readings, own: Group, other: Group, what: str) -> Edit:
+def _taken(readings: Readings, own: PoseVisits, other: PoseVisits, what: str) -> Edit:
     """Rows with the angles ("q"), the force, or both ("pose") of another pose."""
     start = plain(readings, own, "loads_exchanged" if what == "force" else "poses_exchanged")
     poses, name = readings.poses, readings.states.pose[int(other.states[0])]
