@@ -25,6 +25,7 @@ from qsframework.information import (
     weighted_information,
 )
 from qsframework.information.certificate import deletable
+from qsframework.plugin import Array
 
 SMAPS = Path("/proc/self/smaps")
 P = 4
@@ -72,6 +73,32 @@ def test_column_generation_agrees_with_cvxpy(name: str, case: str) -> None:
         assert np.isclose(spread[members].sum(), share)
     assert spread.min() >= 0.0
     assert spread.max() <= min(allowed.cap, 1.0) + 1e-9
+
+
+def cone_form(rows: Array, weight: Array) -> Array:
+    """Elfving's form, by cones: min sum |H_i|_F with sum A_i' H_i = K, W = K K'; weights proportional to |H_i|_F."""
+    import cvxpy as cp
+
+    count, k, p = rows.shape
+    size = np.linalg.norm(rows, axis=(0, 1))
+    values, vectors = np.linalg.eigh(weight / np.outer(size, size))
+    kept = values > 1e-14 * values[-1]
+    K = vectors[:, kept] * np.sqrt(values[kept])
+    H = cp.Variable((count * k, K.shape[1]))
+    norms = cp.hstack([cp.norm(H[i * k : (i + 1) * k], "fro") for i in range(count)])
+    whole = [K / np.abs(K).max() == (rows / size).reshape(-1, p).T @ H]
+    cp.Problem(cp.Minimize(cp.sum(norms)), whole).solve(solver="CLARABEL")
+    weights = np.linalg.norm(np.asarray(H.value).reshape(count, -1), axis=1)
+    return weights / weights.sum()
+
+
+def test_the_cone_form_agrees() -> None:
+    for criterion in (EVERY["A"], EVERY["L"], EVERY["c"]):
+        best = solve_columns(make_task(as_rows(ROWS), Robust(criterion), everything(200)), np.random.default_rng(0))
+        weight = np.eye(P) if criterion.weight is None else criterion.weight  # type: ignore[attr-defined]
+        M = weighted_information(ROWS, cone_form(ROWS, weight))
+        reached = float((np.linalg.lstsq(M, weight, rcond=None)[0]).trace())
+        assert np.isclose(reached, float(criterion.value(best.information[0])), rtol=1e-4)
 
 
 @pytest.mark.parametrize("name", EVERY)
