@@ -76,7 +76,7 @@ def record(found: list[dict[str, Any]]) -> Iterator[str]:
     commits = ", ".join(f"{name} ({count})" for name, count in Counter(r["commit"] for r in found).items())
     faults, stops = sum(len(r["faults"]) for r in found), sum(r["kill"] >= KILLS for r in found)
     counted = f"{len(found) - stops} kills, {stops} stops by Ctrl-C, {faults} faults"
-    yield (f"`python benchmarks/kills.py`, {date.today()}: **{counted}**; {processor()}. Commits: {commits}.")
+    yield f"`python benchmarks/kills.py`, {date.today()}: **{counted}**; {processor()}. Commits: {commits}."
     yield ""
     yield "| command | kills, Ctrl-C | old files | new files | some of each | done before | hidden part left | faults |"
     yield "|---|---:|---:|---:|---:|---:|---:|---:|"

@@ -45,6 +45,11 @@ class Quotas:
     def poses(self) -> int:
         return sum(self.counts)
 
+    @property
+    def slots(self) -> tuple[int, ...]:
+        """The group of each pose of a plan (poses,)."""
+        return tuple(g for g, count in enumerate(self.counts) for _ in range(count))
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Board:
@@ -58,7 +63,6 @@ class _Board:
     prior: Array
     rule: Robust
     quotas: Quotas
-    slots: tuple[int, ...]
     known: dict[tuple[bytes, int, bool], tuple[int, float]] = field(default_factory=dict[Any, Any])
 
     def information(self, chosen: Indices) -> Array:
@@ -100,7 +104,7 @@ def exchange(
     rule = criterion if isinstance(criterion, Robust) else Robust(criterion)
     moments = moments_of(four)
     before = np.zeros(moments.shape[1:]) if prior is None else prior
-    board = _Board(rows=four, moments=moments, prior=before, rule=rule, quotas=quotas, slots=_slots(quotas))
+    board = _Board(rows=four, moments=moments, prior=before, rule=rule, quotas=quotas)
     apart = starts if quotas.poses < _SHARE else max(1, starts // _APART)
     firsts = [_random(quotas, weights, rng) for _ in range(apart)]
     if weights is not None:
@@ -133,16 +137,12 @@ def _pick(members: Indices, order: Indices, taken: set[int], quotas: Quotas) -> 
     )
 
 
-def _slots(quotas: Quotas) -> tuple[int, ...]:
-    return tuple(g for g, count in enumerate(quotas.counts) for _ in range(count))
-
-
 def _rounded(weights: Array, quotas: Quotas, rng: np.random.Generator) -> Indices:
     """Largest weights first; with repeats, by the remainders of n w."""
     chosen: list[int] = []
     taken: set[int] = set()
     left = weights * quotas.poses + 1e-9 * rng.random(len(weights))
-    for group in _slots(quotas):
+    for group in quotas.slots:
         members = quotas.groups[group]
         pick = _pick(members, np.argsort(-left[members]), taken, quotas)
         left[pick] -= 1.0
@@ -166,7 +166,7 @@ def _random(
     chosen: list[int] = []
     taken = {int(quotas.place[i]) for i in stay.values()}
     weighted = weights is not None and rng.random() < 0.5
-    for slot, group in enumerate(_slots(quotas)):
+    for slot, group in enumerate(quotas.slots):
         if slot in stay:
             chosen.append(stay[slot])
             continue
@@ -196,7 +196,7 @@ def _climb(board: _Board, chosen: Indices) -> tuple[Indices, float]:
     tried: dict[int, bool] = {}  # the slots that nothing has changed for, and whether all candidates were tried there
     for _ in range(_PASSES):
         improved = False
-        for slot, group in enumerate(board.slots):
+        for slot, group in enumerate(board.quotas.slots):
             if tried.get(slot, False) or (slot in tried and not thorough):
                 continue
             others = np.sort(np.delete(chosen, slot))  # in one order, so that a plan has one value to the last bit

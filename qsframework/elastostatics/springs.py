@@ -181,13 +181,14 @@ def solve(stiffness: ParallelStiffness, inverse: Array | None, rhs: Array) -> Ar
     """Solve (I + diag(slope) K_par) d = rhs (ne, ..., N) by the inverse."""
     if inverse is None:
         return rhs
-    out, own = rhs.copy(), rhs[list(stiffness.active)]
+    out, rows = rhs.copy(), list(stiffness.active)
+    own = rhs[rows]
     if rhs.ndim == 2:
         own = np.einsum("abn,bn->an", inverse, own)
     else:  # of many right sides one product a pose: in a third of the time
         flat = own.reshape(len(own), -1, own.shape[-1]).transpose(2, 0, 1)
         own = (inverse.transpose(2, 0, 1) @ flat).transpose(1, 2, 0).reshape(own.shape)
-    out[list(stiffness.active)] = own
+    out[rows] = own
     return out
 
 

@@ -27,7 +27,7 @@ from qsframework.plugin import Array, Conditions, Indices, Parameter, Poses
 
 REACH = 4.0
 """m: size of an arm's coordinates, whose rounding every difference of them carries."""
-TOGETHER = 20_000_000
+_TOGETHER = 20_000_000
 """Derivatives of all markers in all states that are held at once, before those are taken that were read."""
 _SAME = 1e-6
 """rad: angles of poses of one name that differ by less are one pose."""
@@ -319,20 +319,24 @@ class ReadingRows:
         the named parameters."""
         if self.pairs is not None:
             return self.of_pairs(*model.rates(self.pairs[0], x, names, linear))
-        parts = len(self._used[0]) * len(model.markers) * 3 * len(names) // TOGETHER
-        if not parts:
+        held = len(self._used[0]) * len(model.markers) * 3 * len(names)
+        if held < _TOGETHER:
             return self.of_states(*self.slopes(model, x, names, linear), frames)
+        return self._rates_in_parts(model, x, frames, names, linear, held // _TOGETHER + 1)
+
+    def _rates_in_parts(
+        self, model: Model, x: Array, frames: Sequence[Frame], names: Sequence[str], linear: bool, parts: int
+    ) -> tuple[Array, Array]:
+        """`rates`, of so many parts of the rows one after the other."""
         place = dict(zip(self.estimated, zip(frames, spans(frames), strict=True), strict=True))
         count = motion_count(frames)
         predicted, J = np.empty((len(self.keep), 3)), np.zeros((len(self.keep), 3, count + len(names)))
-        for rows in np.array_split(np.argsort(self.plus, kind="stable"), parts + 1):
+        for rows in np.array_split(np.argsort(self.plus, kind="stable"), parts):
             own = self.take(rows)
             mine = [place[f] for f in own.estimated]
             columns = [*(i for _, span in mine for i in range(span.start, span.stop)), *range(count, J.shape[2])]
             predicted[rows], found = own.rates(model, x, [frame for frame, _ in mine], names, linear)
-            every = np.zeros((len(rows), *J.shape[1:]))
-            every[:, :, columns] = found
-            J[rows] = every
+            J[rows[:, None], :, columns] = found.transpose(0, 2, 1)
         return predicted, J
 
     def of_pairs(self, moved: Array, slope: Array) -> tuple[Array, Array]:

@@ -101,16 +101,19 @@ class Collider:
         request = library.CollisionRequest()
         request.security_margin = self.clearance
         order = rows[np.argsort(rows[:, 1], kind="stable")]
-        both = np.stack([self.pairs[order[:, 0]], np.repeat(order[:, 1:], 2, axis=1)], axis=2).reshape(-1, 2)
-        stands, at = np.unique(both, axis=0, return_inverse=True)
-        turned, placed_at = _stand(self.shapes, placed, *stands.T)
-        where, done = [None] * len(stands), -1
-        for (pair, pose), ends in zip(order.tolist(), at.reshape(-1, 2).tolist(), strict=True):
+        count = placed.positions.shape[-1]
+        both = self.pairs[order[:, 0]] * count + order[:, 1:]
+        stands, at = np.unique(both, return_inverse=True)
+        solids = stands // count
+        turned, placed_at = _stand(self.shapes, placed, solids, stands % count)
+        where: list[Any] = [None] * len(stands)
+        done = -1
+        for (pair, pose), ends in zip(order.tolist(), at.reshape(both.shape).tolist(), strict=True):
             if once and pose == done:
                 continue
             for i in ends:
                 where[i] = where[i] or library.Transform3s(turned[i], placed_at[i])
-            if _touch(library, request, [(self.shapes[int(stands[i, 0])], where[i]) for i in ends]):
+            if _touch(library, request, [(self.shapes[int(solids[i])], where[i]) for i in ends]):
                 yield pair, pose
                 done = pose
 

@@ -45,7 +45,7 @@ def _farthest(chain: Sequence[Joint], following: Mapping[str, Mimic], end: str) 
 
 def _distance(chain: Sequence[Joint], following: Mapping[str, Mimic], values: dict[str, Array], end: str) -> Array:
     """Distances (N,) m from the first axis that turns. values (N,): of the joints with a motor; the others follow."""
-    place, moving, elements = np.eye(4), [joint for joint in chain if joint.moves], list[Element]()
+    place, names, elements = np.eye(4), [joint.name for joint in chain if joint.moves], list[Element]()
     for joint in chain:
         place = place @ joint.origin.matrix()
         if not joint.moves:
@@ -56,9 +56,8 @@ def _distance(chain: Sequence[Joint], following: Mapping[str, Mimic], values: di
         elements.append(Element(place, joint.axis / np.linalg.norm(joint.axis), not slides(joint)))
         place = np.eye(4)
     count = len(elements)
-    q = [values[joint.name] for joint in moving]
+    q = [values[name] for name in names]
     placed = frames(Chain(tuple(elements), tuple(range(count + 1))), q, len(q[0]))
-    names = [joint.name for joint in moving]
     at = placed.origins[names.index(end)] if end else placed.point(count, place[:3, 3])
     first = next(e for e, element in enumerate(elements) if element.rotation)
     return np.asarray(np.linalg.norm(np.cross(placed.axes[first], at - placed.origins[first], axis=0), axis=0))

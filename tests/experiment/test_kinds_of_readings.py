@@ -458,7 +458,7 @@ def test_derivatives_of_a_long_campaign_are_taken_in_parts(name: str, monkeypatc
     of = load_experiment(example(name) / "experiment.yaml")
     seen = observation_model(of, read_readings(of.data, of))
     whole, slopes = seen.rates(seen.start)
-    monkeypatch.setattr(observations, "TOGETHER", 5_000)
+    monkeypatch.setattr(observations, "_TOGETHER", 5_000)
     parts, again = seen.rates(seen.start)
     assert np.allclose(parts, whole, rtol=0.0, atol=1e-12)
     assert np.allclose(again, slopes, rtol=1e-9, atol=1e-12 * np.abs(slopes).max())
