@@ -26,40 +26,6 @@ def test_what_was_a_fault_is_none(corpus: dict[str, list[fuzzing.Good]], file: P
     assert found.seconds < 2.0
 
 
-def test_the_fuzzing_sees_faults(corpus: dict[str, list[fuzzing.Good]], monkeypatch: pytest.MonkeyPatch) -> None:
-    """A reader that fails, warns, hangs, gives NaN, refuses without words or never gives the same is found out."""
-    good = corpus["fit.json"][0]
-    reads = iter(range(1000))
-
-    def warns() -> object:
-        return fuzzing.np.float64(1e300) * fuzzing.np.float64(1e300)
-
-    def hangs() -> object:
-        while True:
-            pass
-
-    def refuses(*problems: fuzzing.Problem) -> object:
-        raise fuzzing.InputError(problems)
-
-    monkeypatch.setattr(fuzzing, "TIME_LIMIT", 0.2)
-    readers = {
-        "KeyError": lambda: {}["a"],
-        "RuntimeWarning": warns,
-        "a hang": hangs,
-        "a value with 1 = nan": lambda: (1.0, float("nan")),
-        "without words": refuses,
-        "refusal without words": lambda: refuses(fuzzing.Problem(" ")),
-        "second read": lambda: next(reads),
-    }
-    for words, read in readers.items():
-        found = fuzzing.try_file(fuzzing.dataclasses.replace(good, read=read), b"x")
-        assert found.outcome is fuzzing.Outcome.FAULT, words
-        assert words in found.words
-    taken = fuzzing.try_file(fuzzing.dataclasses.replace(good, read=lambda: {"sd": float("nan"), "x": 1.0}), b"x")
-    assert taken.outcome is fuzzing.Outcome.VALUE
-    assert good.path.read_bytes() == good.content
-
-
 def test_a_reader_that_fails_fails_the_fuzzing(
     corpus: dict[str, list[fuzzing.Good]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
