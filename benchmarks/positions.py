@@ -29,9 +29,8 @@ from figaroh import readings as ur10_readings, rms, run as figaroh
 from qsframework.design import DesignOptions, design
 from qsframework.design.certified import relaxed_design
 from qsframework.design.column_generation import Relaxed
-from qsframework.design.criteria import Determinant
+from qsframework.design.criteria import Determinant, Mean
 from qsframework.design.exact import Quotas, exchange
-from qsframework.design.minimax import Robust
 from qsframework.design.problem import make_problem
 from qsframework.errors import QsfError
 from qsframework.estimation import scales
@@ -209,7 +208,7 @@ def cost(quick: bool) -> list[Row]:
         start = time.process_time()
         problem = make_problem(experiment, pendant, 30)
         wanted = problem.wanted.tolist()
-        rule = Robust(Determinant("D", "", np.eye(problem.reading.width)[:, wanted]))
+        rule = Mean(Determinant("D", "", np.eye(problem.reading.width)[:, wanted]))
         relaxed: Relaxed = relaxed_design(problem, rule, DesignOptions(criterion="D"), 0, lambda b: None)[0]
         whole = time.process_time() - start
     what = f"{count:,} candidates x {len(experiment.markers)} markers x {len(problem.names)} parameters x 2 stations"

@@ -28,8 +28,8 @@ from design import model_of, robot_rows, sample
 
 from qsframework.design import CRITERIA, generate_candidates
 from qsframework.design.column_generation import solve_columns
+from qsframework.design.criteria import Mean
 from qsframework.design.exact import Quotas, exchange
-from qsframework.design.minimax import Robust
 from qsframework.design.options import STARTS
 from qsframework.design.task import make_task, white_basis
 from qsframework.diagnose.diagnose import diagnose
@@ -86,14 +86,14 @@ def _rows(count: int, parameters: int) -> np.ndarray:
 
 
 def relaxed(count: int, parameters: int) -> Callable[[], object]:
-    task = make_task(as_rows(_rows(count, parameters)), Robust(CRITERIA["D"]), everything(count))
+    task = make_task(as_rows(_rows(count, parameters)), Mean(CRITERIA["D"]), everything(count))
     return lambda: solve_columns(task, np.random.default_rng(1))
 
 
 def exact(poses: int) -> Callable[[], object]:
     """The exchange alone, from the relaxed design of 1e4 candidates, as `qsf design` does it."""
     rows = _rows(10_000, 9)
-    rule = Robust(CRITERIA["D"])
+    rule = Mean(CRITERIA["D"])
     best = solve_columns(make_task(as_rows(rows), rule, everything(len(rows))), np.random.default_rng(1))
     short = np.union1d(np.argpartition(-best.scores, 2000)[:2000], best.index)
     T = white_basis(rows[short][:, None], np.zeros((1, 9, 9)))

@@ -21,8 +21,9 @@ class Option:
     """What a user can choose, in one line of help.
 
     name: where it is not the field's; short: one letter; group: a title, which holds for the options that follow;
-    form: how a value is written; choices: allowed values; least, most: of a number; unit: "mm" for a length that is
-    typed in mm and held in m; shown: whether help shows the default; switch: the value that a bare switch stands for
+    form: how a value is written; choices: allowed values; gone: former ones, each with what serves instead; least,
+    most: of a number; unit: "mm" for a length that is typed in mm and held in m; shown: whether help shows the default;
+    switch: the value that a bare switch stands for
     """
 
     help: str
@@ -32,6 +33,7 @@ class Option:
     group: str = ""
     form: str = ""
     choices: tuple[str, ...] = ()
+    gone: tuple[tuple[str, str], ...] = ()
     least: float | None = None
     most: float | None = None
     unit: str = ""
@@ -47,7 +49,10 @@ class Option:
         name = self.named(field)
         argument, words = (name, ""), name.replace("-", " ")
         if self.choices and isinstance(value, str) and value not in self.choices:
-            allowed, hint = ", ".join(filter(None, self.choices)), nearest(value, self.choices)
+            allowed, hint = (
+                ", ".join(filter(None, self.choices)),
+                dict(self.gone).get(value, nearest(value, self.choices)),
+            )
             return Problem(f"unknown {words} {value!r}", allowed=allowed, hint=hint, argument=argument)
         if isinstance(value, int | float) and not self._allows(value):
             found = f"{value:g} {self.unit and 'm'}".strip()

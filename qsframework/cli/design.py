@@ -169,7 +169,6 @@ def read_taken(path: Path, experiment: Experiment) -> Plan | Readings:
 
 
 def twin_words(experiment: Experiment, plan: Plan) -> list[str]:
-    """Poses of the plan that tell the same."""
-    return [
-        f"{t.first} and {t.second} carry the same information: {t.symmetry}" for t in equivalent_poses(experiment, plan)
-    ]
+    """Poses of the plan with equal information."""
+    pairs = equivalent_poses(experiment, plan)
+    return [f"{first} and {second} carry the same information: {symmetry}" for first, second, symmetry in pairs]

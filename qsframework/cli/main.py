@@ -15,13 +15,13 @@ import typer
 from qsframework.cli.declared import Values, expanded
 from qsframework.cli.files import DesignFiles, DiagnoseFiles, FitFiles
 from qsframework.cli.help import Command, CommandGroup
-from qsframework.cli.options import Anyway, DaskAddress, ExperimentFile, Jobs, Json, Report, Trust
+from qsframework.cli.options import GONE, Anyway, DaskAddress, ExperimentFile, Jobs, Json, Report, Trust
 from qsframework.cli.printing import held_back
 from qsframework.cli.stop import Stopped, listening
 from qsframework.cli.work import COMMANDS
 from qsframework.design.options import DesignOptions
 from qsframework.diagnose.options import DiagnoseOptions
-from qsframework.errors import InputError, Problem, QsfError
+from qsframework.errors import InputError, Problem, QsfError, refuse
 from qsframework.estimation.options import FitOptions, Linear
 from qsframework.experiment.options import ReadAs, Truth
 from qsframework.identify.options import Halves
@@ -302,6 +302,7 @@ def main() -> None:
     os.environ.setdefault(_PLUGINS, "__all__")
     try:
         with listening(), held_back():
+            _refuse_gone(sys.argv[1:])
             _refuse_empty(sys.argv[1:])
             # app() would put a hook of its own where `listening` hears what compiled code loses
             typer.main.get_command(app)()
@@ -330,6 +331,11 @@ def main() -> None:
         # the device behind standard output is full: Python would try it again at its end, and say so in its own words
         print(f"error: the output cannot be printed: {error.strerror}", file=sys.stderr, flush=True)
         os._exit(1)
+
+
+def _refuse_gone(words: Sequence[str]) -> None:
+    """InputError for options that no command has any longer."""
+    refuse([Problem(f"no such option: {word}", hint=f"{GONE[word]}.") for word in words if word in GONE])
 
 
 def _refuse_empty(words: Sequence[str]) -> None:

@@ -42,3 +42,5 @@ SHARED = {
     "--anyway": option_of(Anyway),
 }
 """Options that many commands have: `qsf --help` explains them."""
+GONE = {"--worst": "--samples plans for the mean over the draws"}
+"""Options that no command has any longer, with what serves instead."""

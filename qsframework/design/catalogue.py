@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from qsframework.design.criteria import Criterion, Determinant, Linear, Sum
-from qsframework.design.minimax import Largest, SmallestEigenvalue
 from qsframework.design.options import CriterionName
 from qsframework.errors import InputError, Problem
 from qsframework.option import check_choice
@@ -17,12 +16,10 @@ CRITERIA: dict[str, Criterion] = {
     "D": Determinant(),
     "A": Linear(),
     "O3": Sum(((0.5, Linear()), (0.5, Determinant()))),
-    "E": SmallestEigenvalue(),
 }
 """The criteria that need nothing besides the information matrix."""
 TITLES: dict[str, str] = {
     "I": "mean variance of the tip after compensation, over the test poses",
-    "G": "largest variance of the tip after compensation, over the test poses",
     **{name: criterion.title for name, criterion in CRITERIA.items()},
     "Ds": "det of the covariance of the parameters of interest",
     "L": "sum of the variances of the scaled parameters of interest",
@@ -39,11 +36,11 @@ def find_criterion(
     """The criterion of a name; an InputError lists them.
 
     interest: positions, among `parameters` parameters, that Ds and L speak of; test_rows (J, 3, p): sensitivity
-    of the tip at J test poses per unit of each scaled parameter, m, for I and G; wanted: positions of the parameters
+    of the tip at J test poses per unit of each scaled parameter, m, for I; wanted: positions of the parameters
     that D, A and O3 speak of, the others being estimated beside them, None: all
     """
     check_choice("criterion", CriterionName, name)
-    if name in ("D", "A", "O3", "E") and wanted is not None and len(wanted) < parameters:
+    if name in ("D", "A", "O3") and wanted is not None and len(wanted) < parameters:
         return _of_wanted(name, np.eye(parameters)[:, list(wanted)])
     if name in CRITERIA:
         return CRITERIA[name]
@@ -57,19 +54,11 @@ def find_criterion(
         return Linear("L", TITLES["L"], np.diag(chosen))
     if test_rows is None or not len(test_rows):
         raise InputError(f"criterion {name} needs test poses")
-    if name == "I":
-        flat = test_rows.reshape(-1, test_rows.shape[-1])
-        return Linear("I", TITLES["I"], flat.T @ flat / len(test_rows), depends_on_scale=False)
-    return Largest(test_rows, title=TITLES["G"])
+    flat = test_rows.reshape(-1, test_rows.shape[-1])
+    return Linear("I", TITLES["I"], flat.T @ flat / len(test_rows), depends_on_scale=False)
 
 
 def _of_wanted(name: str, K: Array) -> Criterion:
-    """D, A or O3 of the parameters along K (P, s), the others estimated beside them: convex in the whole information.
-
-    InputError for E.
-    """
-    if name == "E":
-        message = "criterion E speaks of all parameters, and here the tracker's frame or the markers are among them"
-        raise InputError(Problem(message, allowed="D, A, I, G, O3, Ds, L"))
+    """D, A or O3 of the parameters along K (P, s), the others estimated beside them: convex in the information."""
     D, A = Determinant("D", CRITERIA["D"].title, K), Linear("A", CRITERIA["A"].title, K @ K.T)
     return {"D": D, "A": A, "O3": Sum(((0.5, A), (0.5, D)))}[name]

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from qsframework.design.column_generation import Relaxed, solve_columns
-from qsframework.design.minimax import Robust
+from qsframework.design.criteria import Mean
 from qsframework.design.options import DesignOptions
 from qsframework.design.problem import DesignProblem, allowed_designs
 from qsframework.design.relaxed import optimum
@@ -24,7 +24,7 @@ _AIM = 1.0 - 1e-6
 
 
 def relaxed_design(
-    problem: DesignProblem, rule: Robust, options: DesignOptions, seed: int, tell: Callable[[float], None]
+    problem: DesignProblem, rule: Mean, options: DesignOptions, seed: int, tell: Callable[[float], None]
 ) -> tuple[Relaxed, tuple[int | None, ...]]:
     """The relaxed design, and how many poses each load gets where that is fixed.
 
@@ -85,7 +85,7 @@ def _free_bound(
         room[mine] = 0.0 if count is not None else left
         rest -= need
     best += _fill(values, room, rest)
-    return min(relaxed.expansion.factor / best, 1.0)
+    return min(1.0 / best, 1.0)
 
 
 def _fill(values: Array, room: Array, need: float) -> float:
@@ -102,7 +102,7 @@ def _fill(values: Array, room: Array, need: float) -> float:
 
 def _solve(
     problem: DesignProblem,
-    rule: Robust,
+    rule: Mean,
     options: DesignOptions,
     allowed: Allowed,
     seed: int,
@@ -124,20 +124,20 @@ def _solve(
         return solve_columns(task, rng, options.efficiency, tell)
 
 
-def _by_cvxpy(problem: DesignProblem, rule: Robust, allowed: Allowed, prior: Array) -> Relaxed:
+def _by_cvxpy(problem: DesignProblem, rule: Mean, allowed: Allowed, prior: Array) -> Relaxed:
     """The reference: the convex programme as it is written, and its certificate over all candidates."""
     if len(problem.rows) > MOST_FOR_CVXPY:
         raise InputError(f"cvxpy takes up to {MOST_FOR_CVXPY} candidates, here are {len(problem.rows)}")
     rows = problem.rows.take(np.arange(len(problem.rows)))
-    found = optimum(rows, rule, allowed, prior if prior.any() else None)
-    index = np.flatnonzero(found.weights)
+    weights, expansion = optimum(rows, rule, allowed, prior if prior.any() else None)
+    index = np.flatnonzero(weights)
     board = Scoreboard(problem.rows)
-    slope = found.expansion.slope
+    slope = expansion.slope
     return Relaxed(
         index=index,
-        weights=found.weights[index],
-        information=prior + gathered_information(problem.rows, index, found.weights[index]),
-        expansion=found.expansion,
+        weights=weights[index],
+        information=prior + gathered_information(problem.rows, index, weights[index]),
+        expansion=expansion,
         efficiency=bound_of(board.exact(slope), allowed, prior=float((prior * slope).sum())),
         board=board,
         slope=slope,

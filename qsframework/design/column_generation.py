@@ -16,7 +16,6 @@ import numpy.typing as npt
 
 from qsframework.design.criteria import Determinant, Expansion
 from qsframework.design.interior import Small, Solved, moments_of, solve_small
-from qsframework.design.relaxed import solve_kinked
 from qsframework.design.scoreboard import Scoreboard
 from qsframework.design.task import RelaxedTask
 from qsframework.errors import NotCertified, NotIdentifiable
@@ -144,7 +143,7 @@ def _result(task: RelaxedTask, state: Columns, bound: float, board: Scoreboard, 
 
 def _bound(task: RelaxedTask, state: Columns, values: Array, allowed: Allowed) -> float:
     expansion = state.solved.expansion
-    return bound_of(values, allowed, expansion.factor, float((task.prior * expansion.slope).sum()))
+    return bound_of(values, allowed, float((task.prior * expansion.slope).sum()))
 
 
 def _from_subsets(task: RelaxedTask, rng: np.random.Generator, goal: float, tell: Progress) -> tuple[Columns, float]:
@@ -214,8 +213,6 @@ def _independent(block: Array, useful: npt.NDArray[np.bool_]) -> Indices:
 
 def _solve(task: RelaxedTask, index: Indices, block: Array, start: Array | None, gap: float) -> Columns:
     small = Small(block, task.label[index].astype(np.intp), task.shares, task.allowed.cap, task.prior)
-    if task.criterion.kinked:
-        return Columns(index, block, solve_kinked(small, task.criterion))
     return Columns(index, block, solve_small(small, task.criterion, gap, start))
 
 
@@ -234,7 +231,7 @@ def _improve(task: RelaxedTask, pool: Indices, state: Columns, gap: float) -> tu
         if open_gap <= gap:
             break
         joining = _violators(task, pool, state, values)
-        if not len(joining) and (task.criterion.kinked or inner < max(1e-3 * gap, _FLOOR)):
+        if not len(joining) and inner < max(1e-3 * gap, _FLOOR):
             break
         inner = min(inner, 0.1 * open_gap) if len(joining) else 0.1 * min(inner, open_gap)
         back[joining] |= left[joining]

@@ -14,8 +14,6 @@ import numpy as np
 
 from qsframework.plugin import Array
 
-SMOOTHING = 1e-9
-
 
 @dataclass(frozen=True, eq=False)
 class Expansion:
@@ -23,15 +21,13 @@ class Expansion:
 
         sum of c tr(P M_i Q M_j) over `pairs` (c, P, Q)  +  sum of c tr(V M_i) tr(V M_j) over `ranks` (c, V)
 
-    which only criteria without kinks have. height: log psi, smoothed where psi has kinks;
-    factor: psi(M) / psi(M*) <= <G, M*> / factor for every M* >= 0, 1 for a smooth criterion
+    psi is convex, so psi(M) / psi(M*) <= <G, M*> for every M* >= 0. height: log psi
     """
 
     height: float
     slope: Array
     pairs: tuple[tuple[float, Array, Array], ...] = ()
     ranks: tuple[tuple[float, Array], ...] = ()
-    factor: float = 1.0
 
 
 class Criterion(ABC):
@@ -40,15 +36,14 @@ class Criterion(ABC):
     name: str
     title: str
     depends_on_scale: bool = True
-    kinked: bool = False
 
     @abstractmethod
     def value(self, M: Array) -> Array:
         """psi of information matrices (..., p, p); inf where M is singular."""
 
     @abstractmethod
-    def expansion(self, M: Array, mu: float = SMOOTHING) -> Expansion:
-        """Slope and curvature at one regular M; mu > 0 smooths a criterion that has kinks."""
+    def expansion(self, M: Array) -> Expansion:
+        """Slope and curvature at one regular M."""
 
     def with_one(self, M: Array, block: Array) -> Array:
         """psi (m,) of M + A_i' A_i for the rows (m, k, p) of m candidates."""
@@ -57,10 +52,6 @@ class Criterion(ABC):
     @abstractmethod
     def in_basis(self, T: Array) -> Criterion:
         """The same criterion of T' M T, T (p, p) regular."""
-
-    def gradient(self, M: Array) -> Array:
-        """G = -d psi / d M (p, p), positive semidefinite."""
-        return self.expansion(M).slope * float(self.value(M))
 
 
 def covariance(M: Array) -> Array:
@@ -114,7 +105,7 @@ class Determinant(Criterion):
         ratio = np.maximum(np.linalg.det(beside), 1e-300) / np.linalg.det(grown)
         return float(self.value(M)) * ratio ** (1.0 / self.directions.shape[1])
 
-    def expansion(self, M: Array, mu: float = SMOOTHING) -> Expansion:
+    def expansion(self, M: Array) -> Expansion:
         cov = covariance(M)
         height = float(np.log(self.value(M)))
         if self.directions is None:
@@ -169,7 +160,7 @@ class Linear(Criterion):
             return float(np.trace(cov)), cov, cov @ cov
         return float((cov * self.weight).sum()), cov, cov @ self.weight @ cov
 
-    def expansion(self, M: Array, mu: float = SMOOTHING) -> Expansion:
+    def expansion(self, M: Array) -> Expansion:
         psi, cov, twice = self.parts(M)
         return Expansion(float(np.log(psi)), twice / psi, ((2.0 / psi, cov, twice),), ((-1.0, twice / psi),))
 
@@ -186,27 +177,63 @@ class Sum(Criterion):
         values = [share * part.value(M) for share, part in self.parts]
         return np.sum(values, axis=0)
 
-    def expansion(self, M: Array, mu: float = SMOOTHING) -> Expansion:
-        values = np.array([share * float(part.value(M)) for share, part in self.parts])
-        parts = [part.expansion(M, mu) for _, part in self.parts]
-        return mixed(parts, np.log(values) - [part.height for part in parts], values)
+    def expansion(self, M: Array) -> Expansion:
+        return mixed([part.expansion(M) for _, part in self.parts], np.array([share for share, _ in self.parts]))
 
     def in_basis(self, T: Array) -> Sum:
         return replace(self, parts=tuple((share, part.in_basis(T)) for share, part in self.parts))
 
-    @property
-    def kinked(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
-        return any(part.kinked for _, part in self.parts)
 
-
-def mixed(parts: list[Expansion], offsets: Array, values: Array) -> Expansion:
-    """Expansion of log sum of exp(height + offset) over the parts, whose true values are given."""
-    heights = np.array([part.height for part in parts]) + offsets
+def mixed(parts: list[Expansion], weights: Array) -> Expansion:
+    """Expansion of log sum of weight exp(height) over the parts."""
+    heights = np.array([part.height for part in parts]) + np.log(weights)
     height = float(np.logaddexp.reduce(heights))
     shares = np.exp(heights - height)
     slope = np.sum([share * part.slope for share, part in zip(shares, parts, strict=True)], axis=0)
     pairs = [(share * c, P, Q) for share, part in zip(shares, parts, strict=True) for c, P, Q in part.pairs]
     ranks = [(share * c, V) for share, part in zip(shares, parts, strict=True) for c, V in part.ranks]
     ranks += [(float(share), part.slope) for share, part in zip(shares, parts, strict=True)]
-    factor = float(np.sqrt(shares * values / values.sum() * [part.factor for part in parts]).sum() ** 2)
-    return Expansion(height, slope, tuple(pairs), (*ranks, (-1.0, slope)), factor)
+    return Expansion(height, slope, tuple(pairs), (*ranks, (-1.0, slope)))
+
+
+@dataclass(frozen=True, eq=False)
+class Mean:
+    """The mean of a criterion over S samples of the parameters: M is (S, p, p)."""
+
+    inner: Criterion
+
+    @property
+    def name(self) -> str:
+        return self.inner.name
+
+    def in_basis(self, T: Array) -> Mean:
+        """The same criterion of T' M T."""
+        return Mean(self.inner.in_basis(T))
+
+    def value(self, M: Array) -> Array:
+        """Mean of psi of (..., S, p, p) over the samples."""
+        return self.inner.value(M).mean(axis=-1)
+
+    def with_one(self, M: Array, block: Array) -> Array:
+        """Mean of psi (m,) of M + A_i' A_i for the rows (m, S, k, p) of m candidates."""
+        return np.stack([self.inner.with_one(m, block[:, s]) for s, m in enumerate(M)], axis=-1).mean(axis=-1)
+
+    def expansion(self, M: Array) -> Expansion:
+        """Expansion with slopes (S, p, p)."""
+        count = len(M)
+        parts = [_of_sample(self.inner.expansion(m), s, count) for s, m in enumerate(M)]
+        return parts[0] if count == 1 else mixed(parts, np.full(count, 1.0 / count))
+
+
+def _of_sample(part: Expansion, s: int, count: int) -> Expansion:
+    def spread(matrix: Array) -> Array:
+        out = np.zeros((count, *matrix.shape))
+        out[s] = matrix
+        return out
+
+    return Expansion(
+        part.height,
+        spread(part.slope),
+        tuple((c, left := spread(P), left if Q is P else spread(Q)) for c, P, Q in part.pairs),
+        tuple((c, spread(V)) for c, V in part.ranks),
+    )

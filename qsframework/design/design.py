@@ -14,9 +14,8 @@ from qsframework.design.candidates import Candidates, generate_candidates
 from qsframework.design.catalogue import find_criterion
 from qsframework.design.certified import relaxed_design, shares
 from qsframework.design.column_generation import Relaxed
-from qsframework.design.criteria import Criterion
+from qsframework.design.criteria import Criterion, Mean
 from qsframework.design.exact import Quotas, exchange
-from qsframework.design.minimax import Robust
 from qsframework.design.options import CriterionName, DesignOptions
 from qsframework.design.polish import polish
 from qsframework.design.problem import (
@@ -112,7 +111,7 @@ def design(
         experiment, candidates, total, samples, prior, options.budget is not None, partial(tell, "sensitivities"), work
     )
     require_rank(problem)
-    rule = Robust(_criterion(problem, options, test_poses, tip), options.worst)
+    rule = Mean(_criterion(problem, options, test_poses, tip))
     tries = [_relaxed(own, rule, options, seed, tell) for own in choices(problem, options)]
     tries.sort(key=lambda one: one.bound)
     best: _Tried | None = None
@@ -139,14 +138,14 @@ class _Tried:
     value: float = np.inf
 
 
-def _relaxed(problem: DesignProblem, rule: Robust, options: DesignOptions, seed: int, tell: Progress) -> _Tried:
+def _relaxed(problem: DesignProblem, rule: Mean, options: DesignOptions, seed: int, tell: Progress) -> _Tried:
     relaxed, fixed = relaxed_design(problem, rule, options, seed, lambda b: tell("relaxed design", int(1e6 * b), 10**6))
     bound = relaxed.efficiency * _relaxed_value(problem, rule, relaxed)
     nothing = np.zeros(0, dtype=np.intp)
     return _Tried(problem=problem, relaxed=relaxed, fixed=fixed, bound=bound, chosen=nothing, counts=nothing)
 
 
-def _relaxed_value(problem: DesignProblem, rule: Robust, relaxed: Relaxed) -> float:
+def _relaxed_value(problem: DesignProblem, rule: Mean, relaxed: Relaxed) -> float:
     """The criterion of a relaxed design with as many poses as the plan, where they settle."""
     best = relaxed.information
     if problem.linear:
@@ -154,7 +153,7 @@ def _relaxed_value(problem: DesignProblem, rule: Robust, relaxed: Relaxed) -> fl
     return float(rule.value(best)) / problem.total
 
 
-def _chosen(one: _Tried, rule: Robust, options: DesignOptions, seed: int, tell: Progress, work: Work) -> _Tried:
+def _chosen(one: _Tried, rule: Mean, options: DesignOptions, seed: int, tell: Progress, work: Work) -> _Tried:
     """With the candidates of its plan."""
     chosen, counts = _exact(one.problem, rule, options, one.relaxed, one.fixed, seed, tell, work)
     M = one.problem.prior + _settled_information(one.problem, chosen, counts.astype(float))
@@ -237,7 +236,7 @@ def _criterion(
         raise NotIdentifiable(f"parameters of interest that no plan of these readings identifies: {'; '.join(lost)}")
     interest = [problem.names.index(name) for name in options.interest]
     tip, width = None, problem.reading.width
-    if options.criterion in ("I", "G"):
+    if options.criterion == "I":
         tip = tip_rows(experiment, test_poses, problem.pendant, problem.names, site)
         tip = np.pad(tip, ((0, 0), (0, 0), (0, width - len(problem.names))))
     return find_criterion(options.criterion, interest, width, tip, problem.wanted.tolist())
@@ -245,7 +244,7 @@ def _criterion(
 
 def _exact(
     problem: DesignProblem,
-    rule: Robust,
+    rule: Mean,
     options: DesignOptions,
     relaxed: Relaxed,
     fixed: tuple[int | None, ...],
@@ -331,7 +330,7 @@ def _quotas(
 
 
 def _plan(
-    one: _Tried, rule: Robust, options: DesignOptions, bound: float, seed: int, tell: Progress, *notes: str
+    one: _Tried, rule: Mean, options: DesignOptions, bound: float, seed: int, tell: Progress, *notes: str
 ) -> Plan:
     """Put the chosen candidates, polished, and the certificate into a Plan. bound: no plan has a criterion below it"""
     problem, relaxed, chosen, counts = one.problem, one.relaxed, one.chosen, one.counts
@@ -389,7 +388,7 @@ def _settled_information(problem: DesignProblem, index: Indices, weights: Array)
     return gathered_information(as_rows(problem.made(index)), np.arange(len(index)), weights)
 
 
-def _notes(problem: DesignProblem, rule: Robust, M: Array, counts: Indices) -> tuple[str, ...]:
+def _notes(problem: DesignProblem, rule: Mean, M: Array, counts: Indices) -> tuple[str, ...]:
     """What a user should know: what is held, loads that nothing is planned under, and a criterion that depends on the
     parameters' scales. counts (loads,): poses under each"""
     notes: list[str] = []

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from qsframework.design.criteria import Criterion
+from qsframework.design.criteria import Criterion, Mean
 from qsframework.design.interior import moments_of
-from qsframework.design.minimax import Robust
 from qsframework.errors import NotIdentifiable
 from qsframework.plugin import Array, Indices
 from qsframework.work import HERE, Work, run
@@ -19,7 +18,6 @@ from qsframework.work import HERE, Work, run
 _PASSES = 50
 _TRIED = 48
 _RIDGE = 1e-9
-_KINK = 1e-2
 _APART = 3
 """One of so many starts has nothing of the others."""
 _AT_ONCE = 4
@@ -61,7 +59,7 @@ class _Board:
     rows: Array
     moments: Array
     prior: Array
-    rule: Robust
+    rule: Mean
     quotas: Quotas
     known: dict[tuple[bytes, int, bool], tuple[int, float]] = field(default_factory=dict[Any, Any])
 
@@ -84,7 +82,7 @@ class _Board:
 
 def exchange(
     rows: Array,
-    criterion: Criterion | Robust,
+    criterion: Criterion | Mean,
     quotas: Quotas,
     weights: Array | None,
     starts: int,
@@ -101,7 +99,7 @@ def exchange(
     Raises NotIdentifiable if no start gives a plan of full rank.
     """
     four = rows[:, None] if rows.ndim == 3 else rows
-    rule = criterion if isinstance(criterion, Robust) else Robust(criterion)
+    rule = criterion if isinstance(criterion, Mean) else Mean(criterion)
     moments = moments_of(four)
     before = np.zeros(moments.shape[1:]) if prior is None else prior
     board = _Board(rows=four, moments=moments, prior=before, rule=rule, quotas=quotas)
@@ -225,10 +223,10 @@ def _best(board: _Board, others: Indices, group: int, ridge: Array, thorough: bo
         open_ = np.ones(quotas.place.max() + 1, dtype=bool)
         open_[quotas.place[others]] = False
         members = members[open_[quotas.place[members]]]
-    if len(members) > _TRIED and not (thorough and board.rule.kinked):
-        rank = board.scores(board.rule.expansion(base, _KINK).slope)[members]
+    if len(members) > _TRIED:
+        rank = board.scores(board.rule.expansion(base).slope)[members]
         few = members[np.argpartition(-rank, _TRIED)[:_TRIED]]
-        # psi is convex: without a kink no candidate falls below the tangent, and few can be the best one
+        # psi is convex: no candidate falls below the tangent, and few can be the best one
         members = members[_may_win(board, base, few, rank)] if thorough else few
     best, best_value = -1, np.inf
     for start in range(0, len(members), 4096):

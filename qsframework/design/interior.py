@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from qsframework.design.criteria import Expansion
-from qsframework.design.minimax import Robust
+from qsframework.design.criteria import Expansion, Mean
 from qsframework.information import Allowed, bound_of
 from qsframework.information.rows import root
 from qsframework.plugin import Array, Indices
@@ -127,7 +126,7 @@ class _Point:
     mu: float
 
 
-def solve_small(small: Small, criterion: Robust, gap: float, start: Array | None = None) -> Solved:
+def solve_small(small: Small, criterion: Mean, gap: float, start: Array | None = None) -> Solved:
     """Weights whose relative gap over the m candidates is at most `gap`, or as near as float64 gets.
 
     start (m,) are weights to begin near; a share of the uniform design is mixed in.
@@ -161,7 +160,7 @@ def _start(small: Small, start: Array | None) -> _Point:
 
 def _gap(small: Small, expansion: Expansion, scores: Array) -> float:
     """1 - certified efficiency over the m candidates."""
-    return 1.0 - bound_of(scores, small.allowed(), expansion.factor, float((small.prior * expansion.slope).sum()))
+    return 1.0 - bound_of(scores, small.allowed(), float((small.prior * expansion.slope).sum()))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -12,10 +12,10 @@ STARTS = 30
 CriterionName = Annotated[
     str,
     Option(
-        "I: mean error of the tip after compensation; G: the largest one; D, A, E, O3: of the parameters; Ds, L: of "
-        "the parameters of interest.",
+        "I: mean error of the tip after compensation; D, A, O3: of the parameters; Ds, L: of those of interest.",
         group="Criterion",
-        choices=("I", "G", "D", "A", "O3", "E", "Ds", "L"),
+        choices=("I", "D", "A", "O3", "Ds", "L"),
+        gone=(("E", "A weighs all directions."), ("G", "I speaks of the tip.")),
     ),
 ]
 
@@ -32,7 +32,6 @@ class DesignOptions(Options):
     interest: Annotated[tuple[str, ...], Option("A parameter of interest for Ds and L.")] = ()
     prior: Annotated[bool, Option("Use the stated sd of each parameter as prior information.")] = False
     samples: Annotated[int, Option("Draws of the parameters that the plan must serve.", least=1, most=1000)] = 1
-    worst: Annotated[bool, Option("Minimax over the samples instead of their mean.")] = False
     efficiency: Annotated[float, Option("Efficiency that must be certified.", group="Search", least=0.0, most=1.0)] = (
         0.9999
     )

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 from qsframework.design.candidates import check_poses, joint_range, snapped
+from qsframework.design.criteria import Mean
 from qsframework.design.interior import moments_of
-from qsframework.design.minimax import Robust
 from qsframework.design.problem import DesignProblem
 from qsframework.experiment import Experiment
 from qsframework.information.rows import block_scores, root
@@ -22,7 +22,7 @@ Progress = Callable[[int, int], None]
 
 
 def polish(
-    problem: DesignProblem, rule: Robust, chosen: Indices, counts: Indices, progress: Progress | None = None
+    problem: DesignProblem, rule: Mean, chosen: Indices, counts: Indices, progress: Progress | None = None
 ) -> Array:
     """What the pendant shows (m, n) at m poses, measured `counts` times, rounded to 0.01 deg or mm, not worse.
 
@@ -72,7 +72,7 @@ def _moments(problem: DesignProblem, pendant: Array, chosen: Indices) -> Array:
     return moments_of(problem.rows_at(pendant, chosen))
 
 
-def _value(problem: DesignProblem, rule: Robust, moments: Array, counts: Indices) -> float:
+def _value(problem: DesignProblem, rule: Mean, moments: Array, counts: Indices) -> float:
     return float(rule.value(problem.prior + np.tensordot(counts, moments, 1)))
 
 
@@ -83,7 +83,13 @@ def _kept(experiment: Experiment, pendant: Array) -> Array:
 
 
 def _moved(
-    problem: DesignProblem, rule: Robust, pendant: Array, chosen: Indices, counts: Indices, M_each: Array, value: float
+    problem: DesignProblem,
+    rule: Mean,
+    pendant: Array,
+    chosen: Indices,
+    counts: Indices,
+    M_each: Array,
+    value: float,
 ) -> tuple[Array, Array] | None:
     """One pose after the other a step along its slope, each step tried against the present plan.
 
@@ -92,7 +98,7 @@ def _moved(
     lower, upper = joint_range(problem.experiment)
     count, n = pendant.shape
     M = problem.prior + np.tensordot(counts, M_each, 1)
-    roots = [root(G) for G in rule.expansion(M, 1e-3).slope]
+    roots = [root(G) for G in rule.expansion(M).slope]
     scales, units = _scales(problem), problem.experiment.robot.controller.units
     shifted = pendant[:, None, None] + _STEP * scales * np.stack([np.eye(n), -np.eye(n)], axis=1)[None]
     rows = problem.rows_at(shifted.reshape(-1, n), np.repeat(chosen, 2 * n))

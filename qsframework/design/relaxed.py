@@ -1,17 +1,14 @@
-"""Relaxed designs by cvxpy: the reference for every criterion, and the small problem of those that have kinks."""
+"""Relaxed designs by cvxpy: the reference for every criterion."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from qsframework.design.criteria import Criterion, Determinant, Expansion, Linear, Sum
-from qsframework.design.interior import Small, Solved
-from qsframework.design.minimax import Largest, Robust, SmallestEigenvalue
+from qsframework.design.criteria import Criterion, Determinant, Expansion, Linear, Mean, Sum
 from qsframework.errors import NotCertified, NotIdentifiable
 from qsframework.information import Allowed
 from qsframework.information.rows import root
@@ -23,24 +20,10 @@ Slope = Callable[[Array], Array]
 """G of an information matrix M, once the solver has found its dual: psi(M) / psi(M*) <= <G, M*> for every M* >= 0."""
 
 
-@dataclass(frozen=True, eq=False)
-class Optimum:
-    """Weights (N,) that the solver found, and log psi there with the slope (S, p, p) that its dual tells."""
-
-    weights: Array
-    expansion: Expansion
-
-
-def solve_kinked(small: Small, rule: Robust) -> Solved:
-    """The small problem of a criterion with kinks, where a smooth solver has no slope to follow."""
-    allowed = small.allowed()
-    found = optimum(small.block, rule, allowed, small.prior)
-    scores = small.scores(found.expansion.slope)
-    return Solved(found.weights, allowed.levels(scores), found.expansion, scores)
-
-
-def optimum(rows: Array, rule: Robust, allowed: Allowed, prior: Array | None = None) -> Optimum:
+def optimum(rows: Array, rule: Mean, allowed: Allowed, prior: Array | None = None) -> tuple[Array, Expansion]:
     """The relaxed design of whitened and scaled rows (N, S, k, p) as SOLVER finds it; certify it before use.
+
+    Returns: weights (N,), and log psi there with the slope (S, p, p) that the solver's dual gives.
 
     The solver works in coordinates in which the uniform design's information is the identity, because it is otherwise
     wrong without saying so. The slope is what its dual variables say.
@@ -68,18 +51,12 @@ def optimum(rows: Array, rule: Robust, allowed: Allowed, prior: Array | None = N
     if scenarios > 1 and _is_log(rule.inner):
         terms = [cp.exp(t + offset - offsets[0]) for t, offset in zip(terms, offsets, strict=True)]
     objective = terms[0] if scenarios == 1 else cp.sum(cp.hstack(terms)) / scenarios
-    below: Any = None
-    if rule.worst and scenarios > 1:
-        objective = cp.Variable()
-        below = cp.hstack(terms) <= objective
-        constraints.append(below)
     weights = _run(cp, objective, constraints, w, allowed)
     moments = np.swapaxes(rows, -1, -2) @ rows
     M = before + np.tensordot(weights, moments, 1)
     values = np.atleast_1d(rule.inner.value(M))
-    shares = values / values.sum() if below is None else _shares(below.dual_value) * values.max() / values
-    slope = np.stack([share * of(m) for share, of, m in zip(shares, slopes, M, strict=True)])
-    return Optimum(weights, Expansion(float(np.log(rule.value(M))), slope))
+    slope = np.stack([share * of(m) for share, of, m in zip(values / values.sum(), slopes, M, strict=True)])
+    return weights, Expansion(float(np.log(rule.value(M))), slope)
 
 
 def _is_log(criterion: Criterion) -> bool:
@@ -123,14 +100,9 @@ def _objective(
     cp: Any, criterion: Criterion, S: Any, inverse: Array, scale: float, constraints: list[Any]
 ) -> tuple[Any, Slope]:
     """psi / scale in cvxpy's words, or log psi for a determinant, and its slope; M = L S L', inverse = L^-1."""
-    if isinstance(criterion, SmallestEigenvalue):
-        return _eigenvalue(cp, criterion, S, inverse, scale, constraints)
     if isinstance(criterion, Linear):
         weight = np.eye(len(inverse)) if criterion.weight is None else criterion.weight
-        return _variances(cp, criterion, weight[None], S, inverse, scale, constraints)
-    if isinstance(criterion, Largest):
-        weights = criterion.weights.reshape(-1, *inverse.shape)
-        return _variances(cp, criterion, weights, S, inverse, scale, constraints)
+        return _variance(cp, criterion, weight, S, inverse, scale, constraints)
     if isinstance(criterion, Sum):
         parts = [(share, part, *_powered(cp, part, S, inverse, scale, constraints)) for share, part in criterion.parts]
 
@@ -153,54 +125,22 @@ def _determinant(cp: Any, criterion: Determinant, S: Any, inverse: Array, constr
     return -cp.log_det(X) / pick.shape[1]
 
 
-def _eigenvalue(
-    cp: Any, criterion: SmallestEigenvalue, S: Any, inverse: Array, scale: float, constraints: list[Any]
+def _variance(
+    cp: Any, criterion: Criterion, weight: Array, S: Any, inverse: Array, scale: float, constraints: list[Any]
 ) -> tuple[Any, Slope]:
-    """1 / the largest t with M >= t U, where U has eigenvalues 1; a dual P >= 0 with <P, U> = 1 bounds every t*."""
-    unit = criterion.unit(len(inverse))
-    t = cp.Variable(nonneg=True)
-    above = S - t / scale * (inverse @ unit @ inverse.T) >> 0
+    """tr(W cov), W (p, p). With Z >= 0 the dual, tr(W cov*) <Z, M*> >= (tr (W^1/2 Z W^1/2)^1/2)^2."""
+    p = len(inverse)
+    X = cp.Variable((p, p), symmetric=True)
+    above = cp.bmat([[S, np.eye(p)], [np.eye(p), X]]) >> 0  # X is above the covariance
     constraints.append(above)
 
     def slope(M: Array) -> Array:
-        P = _positive(inverse.T @ above.dual_value @ inverse)
-        return P * float(criterion.value(M)) / float((P * unit).sum())
-
-    return cp.inv_pos(t), slope
-
-
-def _variances(
-    cp: Any, criterion: Criterion, weights: Array, S: Any, inverse: Array, scale: float, constraints: list[Any]
-) -> tuple[Any, Slope]:
-    """The largest of tr(W_j cov), W_j (J, p, p).
-
-    With N the mean of W_j by their dual shares and Z >= 0, tr(N cov*) <Z, M*> >= (tr (N^1/2 Z N^1/2)^1/2)^2.
-    """
-    p = len(inverse)
-    X, u = cp.Variable((p, p), symmetric=True), cp.Variable()
-    above = cp.bmat([[S, np.eye(p)], [np.eye(p), X]]) >> 0  # X is above the covariance
-    below = (inverse @ weights @ inverse.T / scale).reshape(-1, p * p) @ cp.reshape(X, (p * p,), order="C") <= u
-    constraints.extend([above, below])
-
-    def slope(M: Array) -> Array:
-        Z = _positive(inverse.T @ above.dual_value[:p, :p] @ inverse)
-        half = root(np.tensordot(_shares(below.dual_value), weights, 1))
+        half, Z = root(weight), inverse.T @ above.dual_value[:p, :p] @ inverse
+        Z = root(Z) @ root(Z).T  # without the rounding that makes it indefinite
         least = float(np.sqrt(np.linalg.eigvalsh(half.T @ Z @ half).clip(0.0)).sum()) ** 2
         return Z * float(criterion.value(M)) / least
 
-    return u, slope
-
-
-def _positive(dual: Array) -> Array:
-    """The nearest matrix (p, p) that is positive semidefinite."""
-    half = root(dual)
-    return half @ half.T
-
-
-def _shares(dual: Array) -> Array:
-    """Dual variables of what is to lie below one number, as shares of it."""
-    positive = np.maximum(dual, 0.0)
-    return positive / positive.sum()
+    return cp.trace(inverse @ weight @ inverse.T / scale @ X), slope
 
 
 def _offset(criterion: Criterion, inverse: Array) -> float:

@@ -6,8 +6,6 @@ the parameters is equal; a symmetry is the arm's if it gives the same flange pos
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import numpy.typing as npt
 
@@ -61,32 +59,23 @@ def _key(flat: Array) -> Array:
     return flat @ (direction / (float(np.linalg.norm(direction)) or 1.0))
 
 
-@dataclass(frozen=True)
-class Twins:
-    """Two poses of a plan that tell the same, and the symmetry that joins them."""
-
-    first: str
-    second: str
-    symmetry: str
-
-
-def equivalent_poses(experiment: Experiment, plan: Plan, rtol: float = _RTOL) -> tuple[Twins, ...]:
-    """The poses of a plan that tell the same about the experiment's parameters, each with the first like it.
+def equivalent_poses(experiment: Experiment, plan: Plan) -> list[tuple[str, str, str]]:
+    """Pairs of poses of a plan with equal information on the experiment's parameters, and the symmetry that joins them.
 
     Repeats of a pose are not counted; a pair that no known symmetry joins is named "equal information".
     """
-    if plan.of_positions.any():  # the flip of a wrist tells its zeros
-        return ()
+    if plan.of_positions.any():  # the flip of a wrist changes what its zeros do
+        return []
     rows = information_rows(experiment.model(), plan.poses, experiment.fit_names(), experiment.noise.sigma or 1.0)
-    first, inverse = fold(information(rows), rtol)
-    out: list[Twins] = []
+    first, inverse = fold(information(rows))
+    out: list[tuple[str, str, str]] = []
     for i, kind in enumerate(inverse):
         j = int(first[kind])
         if i != j:
             same_load = bool(np.allclose(plan.wrench[i], plan.wrench[j], rtol=1e-9, atol=1e-9))
             name = symmetry_name(experiment, plan.pendant[j], plan.pendant[i]) if same_load else "equal information"
-            out.append(Twins(plan.pose[j], plan.pose[i], name))
-    return tuple(out)
+            out.append((plan.pose[j], plan.pose[i], name))
+    return out
 
 
 def symmetry_name(experiment: Experiment, one: Array, other: Array) -> str:

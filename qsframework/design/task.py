@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from qsframework.design.minimax import Robust
+from qsframework.design.criteria import Mean
 from qsframework.information import Allowed, CandidateRows
 from qsframework.plugin import Array, Indices
 
@@ -24,7 +24,7 @@ class RelaxedTask:
     rows: CandidateRows
     label: npt.NDArray[np.int16]
     allowed: Allowed
-    criterion: Robust
+    criterion: Mean
     prior: Array
     basis: Array
 
@@ -44,7 +44,7 @@ class RelaxedTask:
         return Allowed(groups, self.allowed.shares, self.allowed.cap)
 
 
-def make_task(rows: CandidateRows, criterion: Robust, allowed: Allowed, prior: Array | None = None) -> RelaxedTask:
+def make_task(rows: CandidateRows, criterion: Mean, allowed: Allowed, prior: Array | None = None) -> RelaxedTask:
     """A task; InputError-free: shapes are the caller's concern, groups must cover what carries a share."""
     count, p = len(rows), rows.parameters
     label = np.zeros(count, dtype=np.int16)

@@ -10,7 +10,6 @@ from .rows import (
     CandidateRows as CandidateRows,
     HeldRows as HeldRows,
     MadeRows as MadeRows,
-    MappedRows as MappedRows,
     as_rows as as_rows,
     scores as scores,
     weighted_information as weighted_information,

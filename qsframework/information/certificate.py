@@ -49,15 +49,6 @@ class Allowed:
         top = -np.sort(-np.partition(values, len(values) - count)[len(values) - count :])
         return self.cap * top[:full].sum() + (rest * top[full] if rest > 1e-12 and full < len(top) else 0.0)
 
-    def levels(self, scores: Array) -> Array:
-        """Of each group the score (g,) that a candidate must exceed to improve the best design; inf without a share."""
-        out = np.full(len(self.shares), np.inf)
-        for g, (members, share) in enumerate(zip(self.groups, self.shares, strict=True)):
-            if share > 0.0:
-                values = np.sort(scores[members])
-                out[g] = values[-1 - min(int(share / self.cap + 1e-9) if self.cap < share else 0, len(values) - 1)]
-        return out
-
     def problems(self, count: int) -> str:
         """Why no design is allowed, or nothing."""
         for group, share in zip(self.groups, self.shares, strict=True):
@@ -72,10 +63,10 @@ def everything(count: int) -> Allowed:
     return Allowed((slice(0, count),), (1.0,))
 
 
-def bound_of(scores: Array, allowed: Allowed, factor: float = 1.0, prior: float = 0.0) -> float:
+def bound_of(scores: Array, allowed: Allowed, prior: float = 0.0) -> float:
     """Certified efficiency in [0, 1] from the scores <G, M_i> of all candidates; `prior` is <G, M0>."""
     best = prior + allowed.best(scores)
-    return float(min(factor / best, 1.0)) if best > 0 and np.isfinite(best) else 0.0
+    return float(min(1.0 / best, 1.0)) if best > 0 and np.isfinite(best) else 0.0
 
 
 def deletable(scores: Array, parameters: int) -> npt.NDArray[np.bool_]:

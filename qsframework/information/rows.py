@@ -1,4 +1,4 @@
-"""The whitened rows of many candidates, read in chunks: from memory, from a mapped file, or made when asked.
+"""The whitened rows of many candidates, read in chunks: from memory, or made when asked.
 
 A candidate has one block of k rows for each scenario of the parameters: (S, k, p), S = 1 unless a
 design is to be robust. All passes over the candidates go through `scores` and `weighted_information`.
@@ -6,7 +6,6 @@ design is to be robust. All passes over the candidates go through `scores` and `
 
 from __future__ import annotations
 
-import mmap
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
@@ -19,7 +18,6 @@ from qsframework.plugin import Array, Indices
 from qsframework.work.threads import single_thread
 
 _CHUNK_BYTES = 1 << 21
-_SPAN = 1 << 25
 _LARGE = 20_000
 """Candidates above which a pass is shared by threads."""
 
@@ -43,10 +41,6 @@ class CandidateRows(ABC):
     @abstractmethod
     def read(self, start: int, stop: int) -> Array:
         """Rows (stop - start, S, k, p); the array is the reader's until the next call."""
-
-    def release(self, start: int, stop: int) -> None:
-        """Told after a pass has used these candidates."""
-        return None
 
     @abstractmethod
     def take(self, index: Indices) -> Array:
@@ -78,37 +72,6 @@ class HeldRows(CandidateRows):
 
 
 @dataclass(frozen=True, eq=False)
-class MappedRows(HeldRows):
-    """Rows in a mapped file: pages that a pass has used are given back, so that memory stays small."""
-
-    values: np.memmap
-
-    def take(self, index: Indices) -> Array:
-        """In the order of the file, a part at a time, so that few pages are held."""
-        out = np.empty((len(index), *self.shape[1:]))
-        order = np.argsort(index)
-        # a page that is touched may bring its neighbours along: so many candidates that even all of them stay few
-        reach = max(1, _SPAN // (8 * int(np.prod(self.shape[1:]))))
-        for part in np.split(order, np.flatnonzero(np.diff(index[order] // reach)) + 1):
-            out[part] = self.values[index[part]]
-            if len(part):
-                self.release(int(index[part[0]]) // reach * reach, min(int(index[part[-1]]) + reach, len(self)))
-        return out
-
-    def release(self, start: int, stop: int) -> None:
-        mapped = getattr(self.values, "_mmap", None)
-        if mapped is None or not hasattr(mapped, "madvise"):
-            return
-        size = self.values.itemsize * int(np.prod(self.shape[1:]))
-        offset = self.values.offset % mmap.ALLOCATIONGRANULARITY
-        # the page that the last part ended in, too: its touch may have brought back all that lies around it
-        first = (start * size + offset) // mmap.PAGESIZE * mmap.PAGESIZE
-        last = (stop * size + offset) // mmap.PAGESIZE * mmap.PAGESIZE
-        if last > first:
-            mapped.madvise(mmap.MADV_DONTNEED, first, last - first)
-
-
-@dataclass(frozen=True, eq=False)
 class MadeRows(CandidateRows):
     """Rows that `make(index (m,)) -> (m, S, k, p)` computes whenever a pass asks for them; nothing is held."""
 
@@ -136,9 +99,6 @@ class ScaledRows(CandidateRows):
     def read(self, start: int, stop: int) -> Array:
         return self.source.read(start, stop) * self.factor[start:stop, None, None, None]
 
-    def release(self, start: int, stop: int) -> None:
-        self.source.release(start, stop)
-
     def take(self, index: Indices) -> Array:
         return self.source.take(index) * self.factor[index][:, None, None, None]
 
@@ -147,8 +107,7 @@ def as_rows(values: Array | CandidateRows) -> CandidateRows:
     """Rows (N, k, p), or (N, S, k, p) with scenarios, as a source that passes can read."""
     if isinstance(values, CandidateRows):
         return values
-    four = values[:, None] if values.ndim == 3 else values
-    return MappedRows(four) if isinstance(four, np.memmap) else HeldRows(four)
+    return HeldRows(values[:, None] if values.ndim == 3 else values)
 
 
 def root(gradient: Array) -> Array:
@@ -188,7 +147,6 @@ def scores(
     def share(start: int, stop: int) -> None:
         for first, last in source.chunks(start, stop):
             out[first:last] = block_scores(source.read(first, last), roots)
-            source.release(first, last)
 
     def chosen(start: int, stop: int) -> None:
         assert index is not None

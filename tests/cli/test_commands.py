@@ -238,7 +238,7 @@ def test_design_options(tmp_path: Path) -> None:
     plan = tmp_path / "plan.csv"
     run("design", M900IB, "-n", "6", "--candidates", "150", "--criterion", "D", "--no-polish", "-o", str(plan))
     more = ["-n", "4", "--candidates", str(plan), "--taken", str(plan), "-o", str(tmp_path / "more.csv")]
-    output = run("design", M900IB, *more, "--test-poses", str(plan), "--criterion", "G")
+    output = run("design", M900IB, *more, "--test-poses", str(plan), "--criterion", "I")
     assert "with what was taken" in output
     run("simulate", M900IB, str(plan), "-o", str(tmp_path / "r.csv"))
     run("design", M900IB, *more[:4], "--taken", str(tmp_path / "r.csv"), "--repeats", "-o", str(tmp_path / "x.csv"))

@@ -38,7 +38,7 @@ def with_loads(experiment: Experiment, **change: object) -> Experiment:
     ("wrong", "words"),
     [
         ({"solver": "simplex"}, "unknown solver 'simplex'; allowed: columns, cvxpy"),
-        ({"criterion": "Q"}, "unknown criterion 'Q'; allowed: I, G"),
+        ({"criterion": "Q"}, "unknown criterion 'Q'; allowed: I, D"),
         ({"efficiency": 1.01}, "efficiency; found 1.01; allowed: 0 to 1"),
         ({"samples": 0}, "samples; found 0; allowed: 1 to 1000"),
     ],

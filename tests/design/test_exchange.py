@@ -7,10 +7,9 @@ from itertools import combinations, combinations_with_replacement, product
 import numpy as np
 import pytest
 
-from qsframework.design.criteria import Criterion, Determinant, Linear
+from qsframework.design.criteria import Criterion, Determinant, Linear, Mean
 from qsframework.design.exact import Quotas, exchange
 from qsframework.design.interior import moments_of
-from qsframework.design.minimax import Robust, SmallestEigenvalue
 from qsframework.errors import NotIdentifiable
 from qsframework.plugin import Array
 
@@ -39,19 +38,18 @@ def test_the_best_of_all_plans_is_found(rule: Criterion, repeats: bool, seed: in
     assert repeats or len(set(found.tolist())) == 4
 
 
-@pytest.mark.parametrize("rule", [Determinant(), Linear(), SmallestEigenvalue()], ids=["D", "A", "E"])
-@pytest.mark.parametrize("worst", [False, True], ids=["mean", "worst"])
-def test_no_single_exchange_helps(rule: Criterion, worst: bool) -> None:
+@pytest.mark.parametrize("rule", [Determinant(), Linear()], ids=["D", "A"])
+def test_no_single_exchange_helps(rule: Criterion) -> None:
     """Among more candidates than are tried one by one, under two scenarios: every candidate in every slot is worse."""
     rows = np.stack([rows_of(8, 400), rows_of(9, 400)], axis=1)
-    robust = Robust(rule, worst)
-    found = exchange(rows, robust, Quotas((np.arange(400),), (5,), np.arange(400)), None, 2, np.random.default_rng(0))
+    averaged = Mean(rule)
+    found = exchange(rows, averaged, Quotas((np.arange(400),), (5,), np.arange(400)), None, 2, np.random.default_rng(0))
     moments = moments_of(rows)
-    reached = robust.value(moments[found].sum(axis=0))
+    reached = averaged.value(moments[found].sum(axis=0))
     for slot in range(5):
         others = np.delete(found, slot)
         free = np.setdiff1d(np.arange(400), others)
-        assert robust.value(moments[others].sum(axis=0) + moments[free]).min() > reached * (1.0 - 1e-9)
+        assert averaged.value(moments[others].sum(axis=0) + moments[free]).min() > reached * (1.0 - 1e-9)
 
 
 def test_what_other_starts_found_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -29,7 +29,7 @@ def flange(experiment: Experiment, pendant: np.ndarray) -> np.ndarray:
 
 
 def found(experiment: Experiment, plan: Plan) -> list[tuple[str, str, str]]:
-    return [(t.first, t.second, t.symmetry) for t in equivalent_poses(experiment, plan)]
+    return equivalent_poses(experiment, plan)
 
 
 def test_table_5_has_two_wrist_flips(m900ib: Experiment) -> None:

@@ -123,7 +123,7 @@ GOOD: dict[str, tuple[str, ...]] = {
     "pose": ("10,-20", "0,0"),
     "load": ("0,0,-100", "10,20,-50,1,2,3"),
     "point": ("0,0,0", "100,0,50"),
-    "criterion": ("I", "G", "D", "A", "E", "O3", "Ds", "L"),
+    "criterion": ("I", "D", "A", "O3", "Ds", "L"),
     "interest": ("joint_compliance[shoulder]",),
     "candidates": ("12", "30", "grid:4", "plan.csv"),
     "solver": ("columns", "cvxpy"),
