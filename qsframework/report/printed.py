@@ -42,7 +42,8 @@ def write_page(path: str | Path, page: str) -> Path:
 
 def printed(page: str, path: Path) -> bytes:
     """The page as it is printed, its plots and 3D views drawn; path: what errors name."""
-    browser = next((found for name in BROWSERS if (found := shutil.which(name))), None)
+    folders = os.pathsep.join(filter(os.path.isabs, os.get_exec_path()))  # not the current one
+    browser = next((found for name in BROWSERS if (found := shutil.which(name, path=folders))), None)
     if browser is None:
         hint = "Write .html instead, and print it from any browser."
         raise InputError(Problem("a PDF is printed by Chromium, and none is installed", str(path), hint=hint))
@@ -53,7 +54,7 @@ def printed(page: str, path: Path) -> bytes:
         flags = [*_HEADLESS, *root, f"user-data-dir={name}/profile", f"print-to-pdf={out}"]
         command = [browser, *(f"--{flag}" for flag in flags)]
         try:
-            done = subprocess.run([*command, html.as_uri()], capture_output=True, timeout=_PATIENCE)
+            done = subprocess.run([*command, html.as_uri()], capture_output=True, timeout=_PATIENCE, cwd=name)
         except (OSError, subprocess.TimeoutExpired) as error:
             raise InputError(Problem(f"{browser} did not print: {error}", str(path))) from error
         if not out.is_file() or not out.read_bytes().startswith(b"%PDF"):

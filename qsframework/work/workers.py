@@ -41,6 +41,7 @@ class Processes(AbstractContextManager["Processes"]):
     def __init__(self, jobs: int):
         from joblib import cpu_count
 
+        os.environ["PYTHONSAFEPATH"] = "1"  # `python -m` and `-c` would import what lies in the current folder
         self.count = jobs or cpu_count()
         self._given: list[Future[bytes]] = []
 

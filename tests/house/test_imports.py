@@ -43,6 +43,8 @@ OWNERS = {
     "starlette": "report/day_server.py",
     "joblib": "work",
     "distributed": "work",
+    "multiprocessing": "work",
+    "subprocess": "report/printed.py",  # who starts a process keeps the current folder off its path
 }
 HEAVY = {
     "pinocchio",
