@@ -79,11 +79,11 @@ def fitted(experiment: Experiment, fit: FitRecord, *, anyway: bool = False) -> F
         message = f"{', '.join(sliding)} slides: corrected kinematics are written of joints that turn only so far"
         raise InputError(Problem(message, file=str(experiment.path)))
     robot, model, x = experiment.robot, experiment.model(), fit.x_of(experiment.model())
-    found = constant_geometry(model, x)
+    angles, twists, varying = constant_geometry(model, x)
     names = {
         e.name: model.names[p] for e, p in zip(model.effects, model.slices, strict=True) if isinstance(e, Geometry)
     }
-    held = {n for name, own in names.items() if name not in found.left for n in own}
+    held = {n for name, own in names.items() if name not in varying for n in own}
     facts, rows = robot.facts, list(robot.controller.driven)
     to_pendant = np.linalg.inv(robot.controller.matrix[rows])
     slope = np.zeros((facts.n, len(fit.names)))
@@ -91,18 +91,18 @@ def fitted(experiment: Experiment, fit: FitRecord, *, anyway: bool = False) -> F
         if name in held and np.isfinite(fit.sd[k]):
             step = np.zeros(len(x))
             step[model.index([name])[0]] = _STEP
-            slope[:, k] = (constant_geometry(model, x + step).angles - found.angles) / _STEP
+            slope[:, k] = (constant_geometry(model, x + step)[0] - angles) / _STEP
     slope = to_pendant @ slope[rows]
     sd = np.sqrt(np.einsum("ik,kl,il->i", slope, fit.whole_covariance + fit.held_covariance, slope))
     tool = robot.flange.placement
-    placements = facts.placements @ moves(robot, found.twists, found.angles)
+    placements = facts.placements @ moves(robot, twists, angles)
     return Fitted(
         experiment=experiment,
         nominal=Serial(facts.placements, facts.axes, tool),
         serial=Serial(frozen(placements), facts.axes, tool),
-        offsets=frozen(to_pendant @ found.angles[rows]),
+        offsets=frozen(to_pendant @ angles[rows]),
         offset_sd=frozen(np.where(slope.any(axis=1), sd, np.nan)),
-        own=frozen(np.einsum("kc,kc->k", found.twists[:, 3:], facts.axes)),
+        own=frozen(np.einsum("kc,kc->k", twists[:, 3:], facts.axes)),
         missing=tuple(n for n in fit.names if n not in held),
         x=frozen(x),
         account=fit.account,
@@ -114,7 +114,7 @@ def fitted(experiment: Experiment, fit: FitRecord, *, anyway: bool = False) -> F
 def _serial(one: Fitted) -> Serial:
     """The fitted kinematics of the chain. InputError where an offset passes through a loop."""
     model = one.experiment.model()
-    refuse_through_loops(model, one.x, constant_geometry(model, one.x).angles)
+    refuse_through_loops(model, one.x, constant_geometry(model, one.x)[0])
     return one.serial
 
 

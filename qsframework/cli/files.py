@@ -58,7 +58,6 @@ class FitFiles:
     data: Readings = ()
     states: ReadAs = None
     nominal: Annotated[Path | None, Option("Write a nominal.yaml with the identified values.", group="Output")] = None
-    urdf: Annotated[Path | None, Option("Write the robot's URDF with corrected joint origins.")] = None
     compare: Annotated[Path | None, Option("fit.json of an earlier campaign: lists the changes since.")] = None
     verbose: Annotated[bool, Option("Print all rows and columns of the tables.")] = False
     json: Json = None
@@ -67,7 +66,7 @@ class FitFiles:
 
     @property
     def outputs(self) -> tuple[Path | None, ...]:
-        return (self.json, self.report, self.nominal, self.urdf)
+        return (self.json, self.report, self.nominal)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -62,7 +62,7 @@ def run_identify(files: FitFiles, fit: list[str] | None, options: FitOptions, cl
     if files.json is not None:
         write_json(files.json, result.as_json())
     _tell(result, verdict, other, files.verbose)
-    print_folded(*result_files(result, experiment.robot, files.nominal, files.urdf, files.anyway))
+    print_folded(*result_files(result, experiment.robot, files.nominal, files.anyway))
     if files.json is not None:
         print(f"fit: {files.json}")
     if files.report is not None:

@@ -334,8 +334,9 @@ def main() -> None:
 
 
 def _refuse_gone(words: Sequence[str]) -> None:
-    """InputError for options that no command has any longer."""
-    refuse([Problem(f"no such option: {word}", hint=f"{GONE[word]}.") for word in words if word in GONE])
+    """InputError for options that the command has no longer."""
+    asked = ((word, GONE.get(f"{words[0]} {word.partition('=')[0]}")) for word in words)
+    refuse([Problem(f"no such option: {word}", hint=hint) for word, hint in asked if hint])
 
 
 def _refuse_empty(words: Sequence[str]) -> None:

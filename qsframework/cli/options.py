@@ -42,5 +42,8 @@ SHARED = {
     "--anyway": option_of(Anyway),
 }
 """Options that many commands have: `qsf --help` explains them."""
-GONE = {"--worst": "--samples plans for the mean over the draws"}
-"""Options that no command has any longer, with what serves instead."""
+GONE = {
+    "design --worst": "--samples plans for the mean over the draws.",
+    "identify --urdf": "qsf kinematics --urdf writes it.",
+}
+"""Options that a command has no longer, with what serves instead."""

@@ -57,7 +57,6 @@ def design(
     criterion: CriterionName = "I",
     candidates: int | Candidates | Array = 1000,
     seed: int = 0,
-    repeats: bool = False,
     progress: Progress | None = None,
     *,
     options: DesignOptions | None = None,
@@ -71,13 +70,12 @@ def design(
     Args:
         experiment: the campaign.
         poses: how many poses.
-        criterion: I, G, D, A, E, O3, Ds or L.
+        criterion: I, D, A, O3, Ds or L.
         candidates: how many to draw, or poses (N, n) rad.
         seed: random seed.
-        repeats: whether a pose may be measured more than once.
         progress: called with each step, how much is done and of how much.
-        options: everything else; it replaces criterion and repeats.
-        test_poses: for I and G: where the tip is to be known best.
+        options: everything else; it replaces the criterion.
+        test_poses: for I: where the tip is to be known best.
         tip: the load point if None.
         taken: plans or readings whose information is there already; a plan's pose that was read counts once.
         work: where the candidates and the exchange are computed.
@@ -90,7 +88,7 @@ def design(
         NotIdentifiable: before any optimisation, where its readings do not identify the parameters.
         NotCertified: where the certificate misses the required efficiency.
     """
-    options = options or DesignOptions(criterion=criterion, repeats=repeats)
+    options = options or DesignOptions(criterion=criterion)
     if poses < 1 and options.budget is None:
         raise InputError(f"poses must be 1 or more, found {poses}")
     tell: Progress = progress or (lambda step, done, total: None)

@@ -44,6 +44,8 @@ _ODDS = 10.0
 _CHANCE = 1.0 / DRAWS
 """Chance of the noise to look like any law, above which none is learned: where a draw of it did, six of eleven laws
 that were learned did harm at other poses."""
+_CURVE = 61
+"""Points of a curve."""
 _COMES = 1.0
 """rad over which a curve shows the way by which a joint came: from far, it makes hardly a difference how far."""
 _TELLS = 0.2
@@ -156,7 +158,7 @@ class Curve:
     torque: float
 
 
-def curve(learned: LearnedLaw, robot: RobotFacts, count: int = 61) -> Curve | None:
+def curve(learned: LearnedLaw, robot: RobotFacts) -> Curve | None:
     """The law over the range that the readings have: over its angle, the order or the way by which the joint came where
     there is one, under the largest torque, else over the torque; None for one that no single curve shows."""
     effect: Any = learned.cause.effects[-1]
@@ -164,24 +166,24 @@ def curve(learned: LearnedLaw, robot: RobotFacts, count: int = 61) -> Curve | No
     over = next((f for f in (*law.angles, *law.by) if f in (*law.angles[:1], "order", "came", "torque")), None)
     if over is None or len(law.angles) > 1 or "others" in law.by or law.part in ("marker", "readings", "load", "point"):
         return None
-    q, torque = np.zeros((count, robot.n)), np.full((count, len(effect.springs(robot))), float(effect.scale))
-    order, came = np.zeros(count), np.zeros((count, robot.n))
+    q, torque = np.zeros((_CURVE, robot.n)), np.full((_CURVE, len(effect.springs(robot))), float(effect.scale))
+    order, came = np.zeros(_CURVE), np.zeros((_CURVE, robot.n))
     x: Array
     if over == "torque":
-        x = np.linspace(float(effect.lowest), float(effect.highest), count)
+        x = np.linspace(float(effect.lowest), float(effect.highest), _CURVE)
         torque = np.repeat(x[:, None], torque.shape[1], axis=1)
     elif over == "order":
-        x = order = np.linspace(0.0, 1.0, count)
+        x = order = np.linspace(0.0, 1.0, _CURVE)
     elif over == "came":
-        x = np.linspace(-_COMES, _COMES, count)
+        x = np.linspace(-_COMES, _COMES, _CURVE)
         came[:, robot.joint_index(robot.joint_of(law.place))] = x
     else:
-        x = np.linspace(float(effect.angle_from), float(effect.angle_to), count)
+        x = np.linspace(float(effect.angle_from), float(effect.angle_to), _CURVE)
         q[:, robot.joint_index(law.joints[0])] = x
-    here = Poses(q, q, np.zeros((count, 6)), loaded=Conditions(order=order, came=came))
+    here = Poses(q, q, np.zeros((_CURVE, 6)), loaded=Conditions(order=order, came=came))
     shapes: Array = effect.shapes(torque, Context(robot, here))
     free = {"loaded", "always"} & set(law.by)
-    straight = x if over == "torque" else np.ones(count)
+    straight = x if over == "torque" else np.ones(_CURVE)
     if not free:
         shapes = shapes - straight[:, None, None] * np.einsum("n,nkm->km", straight, shapes) / float(
             straight @ straight

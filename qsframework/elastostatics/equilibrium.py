@@ -63,14 +63,13 @@ def equilibrium(model: Structure, poses: Poses, x: Array | None = None, loaded: 
     return Equilibrium(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
 
-def cartesian_stiffness(model: Structure, poses: Poses, x: Array | None = None, hessian: bool = True) -> Array:
+def cartesian_stiffness(model: Structure, poses: Poses) -> Array:
     """K_C (N, 6, 6) at the loaded equilibrium, equation (18): (D (K_theta - H)^-1 D')^-1.
 
-    Force over translation in N/m, moment over rotation in N m/rad. Without `hessian`, H holds the
-    compensators only. InputError where some direction does not give at all: its stiffness is
-    infinite, use the compliance there.
+    Force over translation in N/m, moment over rotation in N m/rad. InputError where some direction
+    is rigid: its stiffness is infinite, use the compliance there.
     """
-    compliance = cartesian_compliance(model, poses, x, hessian)
+    compliance = cartesian_compliance(model, poses)
     scale = np.sqrt(np.abs(np.einsum("ncc->nc", compliance)))
     scaled = compliance / np.maximum(scale[:, :, None] * scale[:, None, :], 1e-300)
     if np.any(np.linalg.cond(scaled) > _SINGULAR):

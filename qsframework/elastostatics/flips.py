@@ -18,14 +18,13 @@ from qsframework.elastostatics.torques import element_torques
 from qsframework.plugin import Array, Poses
 
 
-def flip_margin(model: Structure, poses: Poses, x: Array | None = None) -> Array:
+def flip_margin(model: Structure, poses: Poses) -> Array:
     """Torque (N,) N m that keeps the passive joints of every loop pressed on the unloaded side.
 
     The smallest of the torques that they pass on to the driven actuator, unloaded and loaded, counted in the unloaded
     direction: negative where the load flips a joint; infinite for an arm without loops.
     """
-    x = model.nominal if x is None else x
-    parts = [_margin(model, poses.take(slice(s, s + CHUNK)), x) for s in range(0, len(poses), CHUNK)]
+    parts = [_margin(model, poses.take(slice(s, s + CHUNK)), model.nominal) for s in range(0, len(poses), CHUNK)]
     return np.concatenate(parts) if parts else np.zeros(0)
 
 

@@ -431,8 +431,8 @@ class Padded:
     at: Indices
     count: int
 
-    def _through(self, change: Callable[[Array], Array], values: Array, empty: float = 0.0) -> Array:
-        out = np.full((self.count, *values.shape[1:]), empty)
+    def _through(self, change: Callable[[Array], Array], values: Array) -> Array:
+        out = np.zeros((self.count, *values.shape[1:]))
         out[self.at] = change(values[self.at])
         return out
 

@@ -20,18 +20,18 @@ from qsframework.files.plain import is_list, is_mapping
 M = TypeVar("M", bound=FileModel | FileRecord)
 
 
-def validate(document: Document, model: type[M], data: Any = None, at: tuple[Key, ...] = ()) -> M:
-    """Check the document (or the part `data` at the keys `at`) against a model.
+def validate(document: Document, model: type[M], data: Any = None) -> M:
+    """Check the document (or a part of it, `data`) against a model.
 
     InputError with all problems, each with file and line.
     """
-    data = document.data if data is None and not at else data
-    problems = list(_beyond(document, data, at))
-    converted = _to_si(document, model, data, at, problems)
+    data = document.data if data is None else data
+    problems = list(_beyond(document, data, ()))
+    converted = _to_si(document, model, data, (), problems)
     try:
         result = _made(model, converted)
     except pydantic.ValidationError as error:
-        problems.extend(_problem(document, model, at, e) for e in _one_arm(error.errors()))
+        problems.extend(_problem(document, model, e) for e in _one_arm(error.errors()))
         result = None
     if problems or result is None:
         unique = {(p.line, p.message): p for p in problems}
@@ -216,12 +216,12 @@ _WORDS = {
 }
 
 
-def _problem(document: Document, model: type[Any], at: tuple[Key, ...], error: Any) -> Problem:
+def _problem(document: Document, model: type[Any], error: Any) -> Problem:
     """A pydantic error in the words of the file."""
     loc = tuple(k for k in error["loc"] if not (isinstance(k, str) and k.startswith(("function-", "list[", "dict["))))
     owner = _owner(model, loc)
     where = ".".join(str(k) for k in loc)
-    keys = (*at, *_file_keys(document, at, loc))
+    keys = _file_keys(document, loc)
     if error["type"] == "extra_forbidden":
         allowed = list(_spellings(owner))
         hint = nearest(str(loc[-1]), allowed)
@@ -232,8 +232,8 @@ def _problem(document: Document, model: type[Any], at: tuple[Key, ...], error: A
         info = fields(owner).get(str(loc[-1]))
         shown = info.examples if info else None
         hint = f"Add for example {' or '.join(f'`{name}: {text}`' for text in shown)}." if shown else None
-        return document.problem(f"key {name!r} is missing", *at, *loc[:-1], hint=hint)
-    found = _found(document, keys) if len(keys) == len(at) + len(loc) else error.get("input")
+        return document.problem(f"key {name!r} is missing", *loc[:-1], hint=hint)
+    found = _found(document, keys) if len(keys) == len(loc) else error.get("input")
     said = _WORDS.get(error["type"], error["msg"].removeprefix("Value error, "))
     allowed = (
         ", ".join(_spellings(_owner(model, (*loc, "")))) if error["type"] in ("model_type", "dataclass_type") else None
@@ -262,15 +262,11 @@ def _owner(model: type[Any], loc: tuple[Key, ...]) -> type[Any]:
     return model
 
 
-def _file_keys(document: Document, at: tuple[Key, ...], loc: tuple[Key, ...]) -> tuple[Key, ...]:
+def _file_keys(document: Document, loc: tuple[Key, ...]) -> tuple[Key, ...]:
     """The keys as the file spells them (with units)."""
     here: list[Key] = []
     for key in loc:
-        known = [
-            k[len(at) + len(here)]
-            for k in document.lines
-            if k[: len(at) + len(here)] == (*at, *here) and len(k) > len(at) + len(here)
-        ]
+        known = [k[len(here)] for k in document.lines if k[: len(here)] == tuple(here) and len(k) > len(here)]
         match = [k for k in known if k == key or (isinstance(k, str) and k.startswith(f"{key}_"))]
         if not match:
             break

@@ -253,17 +253,16 @@ def plan_case(
     fitted: Sequence[str],
     causes: Sequence[Cause],
     sigma: float,
-    x: dict[str, float] | None = None,
 ) -> Case:
-    """The case of poses that are still to be measured, every marker once, at the values `x`; no residuals.
+    """The case of poses that are still to be measured, every marker once, at nominal values; no residuals.
 
     Of a plan, the case of what it reads: positions in the frames of its stations, each with its own sd.
     """
     if isinstance(poses, Plan):
         rows = make_rows(planned_readings(experiment, poses))
         frames = [station_frame(experiment, rows.readings.frames[f]) for f in rows.estimated]
-        return make_case(experiment, rows, fitted, causes, x or {}, np.zeros_like(rows.measured), frames)
+        return make_case(experiment, rows, fitted, causes, {}, np.zeros_like(rows.measured), frames)
     nothing = np.zeros((len(poses), len(experiment.markers), 3))
     planned = displaced(poses, nothing, sigma, [f"{i:09d}" for i in range(len(poses))])
     rows = make_rows(planned)
-    return make_case(experiment, rows, fitted, causes, x or {}, np.zeros_like(rows.measured))
+    return make_case(experiment, rows, fitted, causes, {}, np.zeros_like(rows.measured))

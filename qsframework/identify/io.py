@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -97,40 +96,32 @@ def write_urdf(robot: Robot, model: Model, x: Array, path: str | Path) -> tuple[
 
     Returns the names of geometry effects that no origin can hold, because they change with the pose.
     """
-    constant = constant_geometry(model, x)
-    refuse_through_loops(model, x, constant.angles)
-    write_corrected_urdf(robot, constant.twists, constant.angles, Path(path))
-    return constant.left
+    angles, twists, varying = constant_geometry(model, x)
+    refuse_through_loops(model, x, angles)
+    write_corrected_urdf(robot, twists, angles, Path(path))
+    return varying
 
 
-@dataclass(frozen=True, eq=False)
-class ConstantGeometry:
-    """Errors of geometry that are the same at every pose: angles (n,) rad, twists (n, 6) of the placements, m and rad.
+def constant_geometry(model: Model, x: Array) -> tuple[Array, Array, tuple[str, ...]]:
+    """The errors of geometry at parameters x that every pose shares. InputError where two effects turn one joint.
 
-    left: the names of the effects of geometry that change with the pose
+    Returns: angles (n,) rad, twists (n, 6) of the placements, m and rad, and the names of the effects of geometry that
+    change with the pose.
     """
-
-    angles: Array
-    twists: Array
-    left: tuple[str, ...]
-
-
-def constant_geometry(model: Model, x: Array) -> ConstantGeometry:
-    """The errors of geometry at parameters x that every pose shares. InputError where two effects turn one joint."""
     count, n = 2, model.facts.n
     q = np.linspace(0.1, 0.9, count * n).reshape(count, n)
     poses = Poses(q, q, np.zeros((count, 6)))
     angles, twists = np.zeros(n), np.zeros((n, 6))
-    left: list[str] = []
+    varying: list[str] = []
     for effect, own in model.of_kind(Geometry, x):
         term = laws.geometry(effect, own, Context(model.facts, poses, loaded=False))
         moved = np.zeros((count, n, 6)) if term.twists is None else term.twists
         if not (np.allclose(term.angles[0], term.angles[1]) and np.allclose(moved[0], moved[1])):
-            left.append(effect.name)
+            varying.append(effect.name)
             continue
         _add(twists, moved[0], effect.name)
         angles += term.angles[0]
-    return ConstantGeometry(angles, twists, tuple(left))
+    return angles, twists, tuple(varying)
 
 
 def refuse_through_loops(model: Model, x: Array, angles: Array) -> None:
@@ -152,41 +143,26 @@ def _add(twists: Array, more: Array, name: str) -> None:
     twists += more
 
 
-def result_files(
-    fit: Fit, robot: Robot, nominal: Path | None, urdf: Path | None, anyway: bool = False
-) -> Sequence[str]:
-    """Write the files that are asked for; what to tell about them. InputError for a fit that is not to be trusted,
-    unless `anyway`."""
-    said: list[str] = []
-    if nominal is not None or urdf is not None:
-        said += (f"note: {note}" for note in check_fit(fit, robot, anyway=anyway))
-    if nominal is not None:
-        beside = nominal.with_name(f"{nominal.stem}_campaign{nominal.suffix}")
-        others = write_campaign(fit, beside, robot)
-        own = {p.name for p in robot.parameters}
-        count = sum(name in own for name in fit.names)
-        path = write_nominal(fit, nominal, robot)
-        said.append(f"nominal values: {path}, with {count} of {len(fit.names)} identified values")
-        if others:
-            said.append(
-                f"not the robot's: {len(others)} identified values, in {beside}; an experiment with their effects "
-                f"takes them as `nominal: {beside.name}`"
-            )
-        if count + len(others) < len(fit.names):
-            said.append(
-                f"not in these files: {len(fit.names) - count - len(others)} of the tracker's frame; fit.json "
-                "holds them (frames)"
-            )
-    if urdf is not None:
-        left = write_urdf(robot, fit.model, fit.x, urdf)
-        effects = zip(fit.model.effects, fit.model.slices, strict=True)
-        moved = {
-            n for e, part in effects if isinstance(e, Geometry) and e.name not in left for n in fit.model.names[part]
-        }
-        what = (
-            "corrected URDF"
-            if moved & set(fit.names)
-            else "URDF, in which nothing is corrected (no joint origin was identified)"
+def result_files(fit: Fit, robot: Robot, nominal: Path | None, anyway: bool = False) -> list[str]:
+    """Write the nominal.yaml that is asked for; lines on what it holds. InputError for a rejected fit, unless
+    `anyway`."""
+    if nominal is None:
+        return []
+    lines = [f"note: {note}" for note in check_fit(fit, robot, anyway=anyway)]
+    campaign = nominal.with_name(f"{nominal.stem}_campaign{nominal.suffix}")
+    others = write_campaign(fit, campaign, robot)
+    names = {p.name for p in robot.parameters}
+    count = sum(name in names for name in fit.names)
+    path = write_nominal(fit, nominal, robot)
+    lines.append(f"nominal values: {path}, with {count} of {len(fit.names)} identified values")
+    if others:
+        lines.append(
+            f"not the robot's: {len(others)} identified values, in {campaign}; an experiment with their effects "
+            f"takes them as `nominal: {campaign.name}`"
         )
-        said.append(f"{what}: {urdf}" + (f"; not in it: {', '.join(left)}" if left else ""))
-    return said
+    if count + len(others) < len(fit.names):
+        lines.append(
+            f"not in these files: {len(fit.names) - count - len(others)} of the tracker's frame; fit.json "
+            "holds them (frames)"
+        )
+    return lines

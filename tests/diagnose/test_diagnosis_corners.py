@@ -143,7 +143,7 @@ def lack(p_replicates: float) -> LackOfFit:
     ],
 )
 def test_the_lack_of_fit_is_said(p_replicates: float, words: tuple[str, ...]) -> None:
-    said = misfit_words(lack(p_replicates), 0.01)
+    said = misfit_words(lack(p_replicates))
     assert len(said) == len(words)
     assert all(word in text for word, text in zip(words, said, strict=True))
     assert misfits(lack(p_replicates)) == (p_replicates < 1e-3)

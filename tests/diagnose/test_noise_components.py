@@ -57,7 +57,7 @@ def audit(errors: Array, replicate: Array | None = None, stated: bool = True, li
     out = outliers(white, Q) if white.size - Q.shape[1] >= FEWEST else np.zeros(0, dtype=np.intp)
     keep, sigma = np.setdiff1d(np.arange(ROWS), out), np.full(ROWS, SIGMA)
     own = Q if len(keep) == ROWS else orthonormal(Q.reshape(ROWS, 3, -1)[keep].reshape(3 * len(keep), -1))
-    size = estimate(LinearFit.onto(own, white[keep]), sigma[keep], MEASUREMENT[keep], "residuals", 0.01)
+    size = estimate(LinearFit.onto(own, white[keep]), sigma[keep], MEASUREMENT[keep], "residuals")
     return audit_noise(
         white[keep],
         library[keep],

@@ -215,7 +215,7 @@ def ur10() -> Fit:
 
 def test_identified_values_that_are_not_the_robots_are_read_by_an_experiment(ur10: Fit, tmp_path: Path) -> None:
     experiment = load_experiment(UR10 / "experiment.yaml")
-    said = result_files(ur10, experiment.robot, tmp_path / "n.yaml", None)
+    said = result_files(ur10, experiment.robot, tmp_path / "n.yaml")
     count = len(ur10.names)
     assert said[0] == f"nominal values: {tmp_path / 'n.yaml'}, with 0 of {count} identified values"
     assert f"{count - 6} identified values, in {tmp_path / 'n_campaign.yaml'}" in said[1]
@@ -242,18 +242,11 @@ def test_a_file_of_somebody_else_is_not_replaced(ur10: Fit, tmp_path: Path) -> N
     assert file.read_text() == "joint_offset[joint_2]: {value_mrad: 1}\n"
 
 
-def test_nothing_of_the_campaign_and_nothing_to_correct(r2000ic: Experiment, real: Readings, tmp_path: Path) -> None:
+def test_nothing_of_the_campaign(r2000ic: Experiment, real: Readings, tmp_path: Path) -> None:
     fit = identify(r2000ic, real, options=LINEAR)
-    said = result_files(fit, r2000ic.robot, tmp_path / "n.yaml", tmp_path / "u.urdf")
-    assert said[0].endswith("with 6 of 6 identified values")
+    (said,) = result_files(fit, r2000ic.robot, tmp_path / "n.yaml")
+    assert said.endswith("with 6 of 6 identified values")
     assert not (tmp_path / "n_campaign.yaml").exists()
-    assert said[1:] == [f"URDF, in which nothing is corrected (no joint origin was identified): {tmp_path / 'u.urdf'}"]
-
-
-def test_a_urdf_with_identified_origins_is_a_corrected_one(ur10: Fit, tmp_path: Path) -> None:
-    robot = load_experiment(UR10 / "experiment.yaml").robot
-    (said,) = result_files(ur10, robot, None, tmp_path / "u.urdf")
-    assert said.startswith(f"corrected URDF: {tmp_path / 'u.urdf'}; not in it: gravity_sag[joint_2]")
 
 
 def test_the_frames_of_a_fit_are_read_back(ur10: Fit, tmp_path: Path) -> None:

@@ -188,7 +188,6 @@ def test_commands_refuse_and_show_labels(r2000ic: Experiment, turned_fit: Path) 
         ["kinematics", r2000ic.path, fit, "--urdf", out],
         ["certificate", r2000ic.path, fit, "-o", out],
         [*identifies, "--nominal", out],
-        [*identifies, "--urdf", out],
     ):
         code, said = run(asked)
         assert code != 0, asked

@@ -189,7 +189,7 @@ def half(left: Files, old: Files, new: Files, folders: list[str]) -> list[str]:
 WRITING = (
     "design experiment.yaml -n 4 --candidates 40 -o out/plan.csv --json out/d.json --report out/d.html",
     "simulate experiment.yaml plan.csv -o out/r.csv --json out/t.json --report out/t.html",
-    "identify experiment.yaml readings.csv --json out/fit.json --nominal out/n.yaml --urdf out/a.urdf",
+    "identify experiment.yaml readings.csv --json out/fit.json --nominal out/n.yaml",
     "validate experiment.yaml fit.json other.csv --json out/v.json --report out/v.html",
     "diagnose experiment.yaml readings.csv --json out/d.json --report out/d.html --extend out/new",
     "diagnose experiment.yaml plan.csv --json out/p.json --report out/p.html",

@@ -19,6 +19,8 @@ from qsframework.plugin import Array, Indices
 REACH = 10.0
 """Columns are per typical size; a direction that not even ten of these lift above the noise needs no number."""
 _DRAWS = 1000
+LEVEL = 0.01
+"""False-alarm probability of each statement on the noise."""
 FEWEST = 10
 """Degrees of freedom below which nothing is said about the noise."""
 
@@ -36,7 +38,7 @@ class NoiseAudit:
     p_unit: of the stated sigma, two-sided, NaN where none is stated; shared: sd m of the error that the markers of a
     visit share, 0 where that is not significant; outliers: rows that were left out; heavy: p-value of normal tails;
     p_missing: of the model against the replicates, NaN without them; repeated: whether readings were repeated often
-    enough to tell; stated: whether somebody says its size; level: of each alarm
+    enough to tell; stated: whether somebody says its size
     """
 
     unit: float
@@ -51,7 +53,6 @@ class NoiseAudit:
     p_missing: float
     repeated: bool
     stated: bool
-    level: float
 
     @property
     def refuted(self) -> bool:
@@ -61,7 +62,7 @@ class NoiseAudit:
     @property
     def heavy_tailed(self) -> bool:
         """Whether the errors of the rows that stay are plainly not normal."""
-        return bool(self.heavy < self.level)
+        return bool(self.heavy < LEVEL)
 
 
 @dataclass(frozen=True)
@@ -91,34 +92,32 @@ def audit_noise(
     unit: float,
     shared: float,
     outliers: Indices,
-    level: float = 0.01,
     mask: Flags | None = None,
 ) -> NoiseAudit:
     """Audit residuals `white` (R, 3) of the final model, whitened by sigma (R,) m, beside its columns (R, 3, q).
 
     measurement (R,): number of the visit; replicate (R,): equal where pose, load and marker are; unit, shared (m): the
-    noise that was told beside the model; outliers: rows that were left out before; level: of each alarm; mask (R, 3):
+    noise that was told beside the model; outliers: rows that were left out before; mask (R, 3):
     what was measured, None: all
     """
     fit = LinearFit.onto(visible(columns), white, mask)
     heavy = heavy_tails(white, fit) if fit.dof >= FEWEST else np.nan
-    size, p_missing = _size(white, fit, sigma, measurement, replicate, level, mask)
+    size, p_missing = _size(white, fit, sigma, measurement, replicate, mask)
     p_unit = _two_sided(size) if stated and size.dof else np.nan
-    trusted = stated and not p_unit < level
+    trusted = stated and not p_unit < LEVEL
     return NoiseAudit(
         unit=1.0 if trusted else unit,
         unit_source="stated" if trusted else size.source,
         dof=size.dof,
         measured=size.unit,
         p_unit=p_unit,
-        shared=shared if size.p_shared < level else 0.0,
+        shared=shared if size.p_shared < LEVEL else 0.0,
         p_shared=size.p_shared,
         outliers=outliers,
         heavy=heavy,
         p_missing=p_missing,
         repeated=pure_dof(replicate, mask) >= FEWEST,
         stated=stated,
-        level=level,
     )
 
 
@@ -138,7 +137,7 @@ def visible(library: Array) -> Array:
     return U[:, (values * REACH >= 1.0) & (values > 1e-9 * values[0])]
 
 
-def estimate(fit: LinearFit, sigma: Array, measurement: Indices, source: str, level: float) -> NoiseSize:
+def estimate(fit: LinearFit, sigma: Array, measurement: Indices, source: str) -> NoiseSize:
     """The rows' own error and the one that rows of a measurement share, from what a fit leaves of them.
 
     The test is the likelihood ratio on its boundary.
@@ -154,7 +153,7 @@ def estimate(fit: LinearFit, sigma: Array, measurement: Indices, source: str, le
         return plain
     p = 0.5 * float(chi2_sf(found.gain, 1)) if found.gain > 0.0 else 1.0
     shared = found.ratio * typical * float(np.sqrt(found.own / dof))
-    if p >= level:
+    if p >= LEVEL:
         return replace(plain, shared=shared if found.gain > 0.0 else 0.0, p_shared=p)
     # beyond what measurements share there is only the rows' own error: exactly chi-square
     return NoiseSize(found.rest, dof - found.directions, shared, p, source)
@@ -186,17 +185,16 @@ def _size(
     sigma: Array,
     measurement: Indices,
     replicate: Indices,
-    level: float,
     mask: Flags | None,
 ) -> tuple[NoiseSize, float]:
     """The noise to believe, and the p-value of the library against the replicates."""
-    fromlibrary = estimate(fit, sigma, measurement, "residuals", level)
+    fromlibrary = estimate(fit, sigma, measurement, "residuals")
     if pure_dof(replicate, mask) < FEWEST:
         return (fromlibrary if fit.dof >= FEWEST else replace(fromlibrary, square=0.0, dof=0)), np.nan
     pure = LinearFit.onto(replicate_basis(replicate, mask), white, mask)
-    repeats = estimate(pure, sigma, measurement, "replicates", level)
+    repeats = estimate(pure, sigma, measurement, "replicates")
     p = lack_p_value(white, fit, pure, _noise(sigma, repeats.shared, measurement), sigma)
-    return (fromlibrary if p >= level else repeats), p
+    return (fromlibrary if p >= LEVEL else repeats), p
 
 
 def lack_p_value(white: Array, fit: LinearFit, pure: LinearFit, noise: Noise, sigma: Array) -> float:
@@ -209,7 +207,7 @@ def lack_p_value(white: Array, fit: LinearFit, pure: LinearFit, noise: Noise, si
     return float(f_sf(max(here.chi2 - there.chi2, 0.0) / dof / (there.chi2 / free), dof, free))
 
 
-def heavy_tails(white: Array, fit: LinearFit, seed: int = 0) -> float:
+def heavy_tails(white: Array, fit: LinearFit) -> float:
     """p-value of normal errors from the fourth power of what a fit leaves of them, by simulation of the same."""
     share = np.maximum(1.0 - np.einsum("ij,ij->i", fit.Q, fit.Q), 0.0)
     told = share > 0.05
@@ -221,7 +219,7 @@ def heavy_tails(white: Array, fit: LinearFit, seed: int = 0) -> float:
         return np.mean(np.square(square), axis=0) / np.mean(square, axis=0) ** 2
 
     found = float(kurtosis(white.reshape(-1, 1))[0])
-    drawn = kurtosis(np.random.default_rng(seed).standard_normal((white.size, _DRAWS)))
+    drawn = kurtosis(np.random.default_rng(0).standard_normal((white.size, _DRAWS)))
     return float((1 + np.sum(drawn >= found)) / (1 + _DRAWS))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from qsframework.diagnose.residuals.noise_components import LEVEL
 from qsframework.diagnose.result import Diagnosis, Status
 from qsframework.diagnose.second_day import FollowUp
 from qsframework.diagnose.verdict import misfits
@@ -55,7 +56,7 @@ def _repeats(found: Diagnosis) -> Iterator[NextStep]:
         )
     elif odd:
         yield NextStep(again, "separates a larger noise from an unmodelled effect")
-    elif audit.p_shared < audit.level:
+    elif audit.p_shared < LEVEL:
         yield NextStep(again, "separates repeatability, which is noise, from an unmodelled effect")
     elif len(set(found.readings.states.pose)) < FEW and found.verdict != "none":
         yield NextStep(again, "separates repeatability from a cause, which so few poses hardly do")

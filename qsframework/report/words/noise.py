@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from qsframework.diagnose.residuals.lack_of_fit import LackOfFit, Trend
-from qsframework.diagnose.residuals.noise_components import NoiseAudit
+from qsframework.diagnose.residuals.noise_components import LEVEL, NoiseAudit
 
 
 def audit_words(audit: NoiseAudit, rows: bool = True) -> tuple[str, ...]:
@@ -15,15 +15,15 @@ def audit_words(audit: NoiseAudit, rows: bool = True) -> tuple[str, ...]:
         count = len(audit.outliers)
         many = f"{count} rows are outliers and are not used."
         said.append(many if count > 1 else "1 row is an outlier and is not used.")
-    if audit.p_shared < audit.level:
+    if audit.p_shared < LEVEL:
         size = f"{audit.shared * 1e3:.4f} mm a coordinate (p = {audit.p_shared:.2g})"
         why = "the robot's repeatability"
         if not audit.repeated:
             why += ", or something unknown: repeat some poses to find out"
         said.append(f"The markers of a pose share an error of {size}: {why}.")
-    if audit.heavy < audit.level:
+    if audit.heavy < LEVEL:
         said.append(f"Errors have heavier tails than normal ones (p = {audit.heavy:.2g}).")
-    if audit.p_missing < audit.level:
+    if audit.p_missing < LEVEL:
         said.append(f"The model does not explain all that is beyond the replicates (p = {audit.p_missing:.2g}).")
     return tuple(said)
 
@@ -51,14 +51,14 @@ def _unit(audit: NoiseAudit) -> str:
     return f"The noise is {audit.unit:.2f} times the stated one (p = {audit.p_unit:.1g}; {basis})."
 
 
-def misfit_words(found: LackOfFit, level: float = 0.01) -> tuple[str, ...]:
+def misfit_words(found: LackOfFit) -> tuple[str, ...]:
     """Whether residuals fit the replicates, and on what they depend."""
     said: list[str] = []
     if np.isfinite(found.p_replicates):
-        verdict = "larger than" if found.p_replicates < level else "as large as"
+        verdict = "larger than" if found.p_replicates < LEVEL else "as large as"
         free = f"p = {found.p_replicates:.2g}, {found.free_replicates} degrees of freedom of the replicates"
         said.append(f"The residuals are {verdict} the replicates' scatter ({free}).")
-    said += [_trend(t) for t in found.trends if t.p_value < level]
+    said += [_trend(t) for t in found.trends if t.p_value < LEVEL]
     return tuple(said)
 
 
