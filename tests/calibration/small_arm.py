@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from qsframework.experiment import Experiment, Plan, load_experiment, make_plan
-from qsframework.plugin import Poses
+from qsframework.elastostatics.so3 import exponential
+from qsframework.experiment import Experiment, Frame, Plan, Readings, load_experiment, make_plan
+from qsframework.plugin import Array, Poses
+from tests.identify.arm import position_readings
 
 _JOINTS = (("turn", "base", "column", "0 0 0", "0 0 1"), ("shoulder", "column", "upper", "0.3 0 0.6", "0 1 0"))
 _JOINTS += (("elbow", "upper", "fore", "0 0 1.0", "0 1 0"),)
@@ -77,3 +80,24 @@ def small_plan(experiment: Experiment, count: int, seed: int = 0, repeats: int =
     cases = [experiment.loads[i % len(experiment.loads)] for i in range(count)]
     poses = Poses(pendant, controller.to_joints(pendant), np.array([case.wrench for case in cases]))
     return make_plan(poses, [case.name for case in cases], repeats=[repeats] * count)
+
+
+SIGMA = 3e-5
+"""sd of a coordinate, m."""
+TRACKER = Frame("", exponential(np.array([0.3, -1.2, 2.0])), np.array([1.0, -2.0, 0.5]))
+
+
+def acting(poses: Poses, k: float, r: Array) -> Poses:
+    """The same poses with the load that really acts."""
+    halves = poses.wrench.reshape(-1, 2, 3)
+    return replace(poses, wrench=((1.0 + k) * (halves + np.cross(r, halves))).reshape(-1, 6))
+
+
+def positions(arm: Experiment, plan: Plan, load: Array) -> Readings:
+    """Each pose unloaded and loaded in the frame of a tracker that nobody knows."""
+    poses, model, count = plan.poses, arm.model(), len(plan.pose)
+    two = [model.positions(acting(poses, load[0], load[1:]), None, state, True) for state in (False, True)]
+    seen = TRACKER.apply(np.stack(two, axis=1).reshape(2 * count, -1, 3))
+    names = [f"p{i // 2}" for i in range(2 * count)]
+    both = poses.take(np.repeat(np.arange(count), 2))
+    return position_readings(both, np.tile([False, True], count), seen, SIGMA, pose=names)

@@ -12,12 +12,11 @@ import pytest
 from qsframework.applications import compensate, joint_targets
 from qsframework.applications.certificate import COVERAGE
 from qsframework.elastostatics import equilibrium
-from qsframework.elastostatics.so3 import exponential, rotation_vector
+from qsframework.elastostatics.so3 import rotation_vector
 from qsframework.errors import InputError
 from qsframework.estimation import FitOptions
 from qsframework.experiment import (
     Experiment,
-    Frame,
     LoadUncertainty,
     Plan,
     Readings,
@@ -32,11 +31,9 @@ from qsframework.identify import Fit, identify
 from qsframework.information import predicted_uncertainties
 from qsframework.plugin import Array, Poses
 from tests.calibration.agreement import balanced, check_coverage, check_p_values, check_sds
-from tests.calibration.small_arm import SPRINGS, WEIGHT, small_arm, small_plan
-from tests.identify.arm import position_readings
+from tests.calibration.small_arm import SIGMA, SPRINGS, TRACKER, WEIGHT, acting, positions, small_arm, small_plan
 
 LINEAR = FitOptions(linear=True, keep_all=True)
-SIGMA = 3e-5
 NOISE = "The noise that is stated is the noise that counts"
 PRIORS = "What is known before the readings is said once: identify, extension, predictions"
 HARM = "What harms people goes first: foreign code, and findings nobody hears"
@@ -165,13 +162,6 @@ def test_expanded_uncertainty_of_an_estimated_noise_covers(tmp_path: Path) -> No
 
 
 SCALE, TURN = 0.01, np.deg2rad(0.3)
-TRACKER = Frame("", exponential(np.array([0.3, -1.2, 2.0])), np.array([1.0, -2.0, 0.5]))
-
-
-def acting(poses: Poses, k: float, r: Array) -> Poses:
-    """The same poses with the load that really acts."""
-    halves = poses.wrench.reshape(-1, 2, 3)
-    return replace(poses, wrench=((1.0 + k) * (halves + np.cross(r, halves))).reshape(-1, 6))
 
 
 def displacements(arm: Experiment, plan: Plan, load: Array) -> Readings:
@@ -179,16 +169,6 @@ def displacements(arm: Experiment, plan: Plan, load: Array) -> Readings:
     really = make_plan(acting(plan.poses, load[0], load[1:]), plan.load)
     readings = planned_readings(arm, really, linear=True)
     return readings.with_poses(replace(readings.poses, wrench=np.concatenate([plan.wrench, 0.0 * plan.wrench])))
-
-
-def positions(arm: Experiment, plan: Plan, load: Array) -> Readings:
-    """Each pose unloaded and loaded in the frame of a tracker that nobody knows."""
-    poses, model, count = plan.poses, arm.model(), len(plan.pose)
-    two = [model.positions(acting(poses, load[0], load[1:]), None, state, True) for state in (False, True)]
-    seen = TRACKER.apply(np.stack(two, axis=1).reshape(2 * count, -1, 3))
-    names = [f"p{i // 2}" for i in range(2 * count)]
-    both = poses.take(np.repeat(np.arange(count), 2))
-    return position_readings(both, np.tile([False, True], count), seen, SIGMA, pose=names)
 
 
 def both(arm: Experiment, plan: Plan, load: Array) -> Readings:
