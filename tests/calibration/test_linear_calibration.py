@@ -59,6 +59,15 @@ def test_sds_of_estimates() -> None:
     check_sds(np.array([s.x for s in drawn]), np.sqrt(np.diag(drawn[0].covariance)), allowed=1e-6)
 
 
+def test_scale_of_an_unstated_noise_beside_priors() -> None:
+    """Balanced draws leave as much as their degrees of freedom, to the digits that wide priors cost."""
+    free = observed(COLUMN, np.zeros(ROWS), SIGMA, stated=False)
+    known = replace(free, parameters=tuple(replace(p, sd=1e4 * p.typical) for p in free.parameters))
+    drawn = [replace(known, measured=5.0 * SIGMA * e) for e in balanced(ROWS, np.random.default_rng(14))]
+    units = [settle(one, FitOptions(priors=True)).unit or 0.0 for one in drawn]
+    assert np.mean(np.square(units)) == pytest.approx(25.0, rel=1e-3)
+
+
 @pytest.mark.parametrize("stated", [True, False])
 @pytest.mark.parametrize("loss", ["huber", "soft_l1"])
 def test_sds_of_robust_estimates(loss: str, stated: bool) -> None:
