@@ -59,6 +59,11 @@ def test_sds_of_estimates() -> None:
     check_sds(np.array([s.x for s in drawn]), np.sqrt(np.diag(drawn[0].covariance)), allowed=1e-6)
 
 
+def test_scale_of_an_unstated_noise() -> None:
+    drawn = [replace(LinearFit.onto(Q, 3.0 * e), stated=False) for e in balanced(ROWS, np.random.default_rng(15))]
+    assert np.mean([fit.unit() for fit in drawn]) == pytest.approx(9.0)
+
+
 def test_scale_of_an_unstated_noise_beside_priors() -> None:
     """Balanced draws leave as much as their degrees of freedom, to the digits that wide priors cost."""
     free = observed(COLUMN, np.zeros(ROWS), SIGMA, stated=False)
