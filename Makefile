@@ -3,7 +3,7 @@ SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install demo test golden size coverage docs pictures bench lock audit licences sbom clean
+.PHONY: help install demo test test-long golden size coverage docs pictures bench lock audit licences sbom clean
 
 PYTHON ?= $(shell command -v python3.11 || echo python3)
 VENV := .venv
@@ -27,7 +27,7 @@ WORKERS := -n 3 --dist worksteal
 ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=
 
 help:  ## list these targets
-	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-9s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-9s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 install: $(TESTED) $(DOCUMENTED)  ## make the environment in .venv from requirements.lock, with all that tests and pages need
 
@@ -46,12 +46,15 @@ demo: $(DONE)  ## run the main job: calibrate on real readings, design a plan, w
 
 # pyright asks the environment's own interpreter where to look: pinocchio lies in a folder that only it knows of. It
 # works on one core for half a minute, beside the tests; what it says stands among their dots as soon as it is known.
-test: $(TESTED) $(DOCUMENTED)  ## lint, format, types and all tests
+test: $(TESTED) $(DOCUMENTED)  ## lint, format, types and the tests of every change
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check --quiet . || { echo "formatting differs: run $(BIN)/ruff format"; exit 1; }
 	@PYRIGHT_PYTHON_IGNORE_WARNINGS=1 $(BIN)/pyright --pythonpath $(BIN)/python & types=$$!; failed=0; \
-		$(ONE_THREAD) $(BIN)/python -m pytest $(WORKERS) || failed=$$?; \
+		$(ONE_THREAD) $(BIN)/python -m pytest $(WORKERS) -m "not long" || failed=$$?; \
 		wait $$types || { failed=$$?; echo "pyright found errors: they stand above, among the tests' dots"; }; exit $$failed
+
+test-long: $(TESTED) $(DOCUMENTED)  ## the tests that need not run at every change: fuzz, kills, browsers, every robot and page
+	@$(ONE_THREAD) $(BIN)/python -m pytest $(WORKERS) -m long
 
 size: $(TESTED)  ## what a reader must hold in mind: each count, its bound and its goals
 	@$(BIN)/python tests/house/sheet.py

@@ -16,6 +16,7 @@ import pytest
 import remembered
 import typer.main
 import typer.testing
+import yaml
 from hypothesis import settings
 
 from qsframework.experiment import Experiment, Readings, example, load_experiment, read_readings
@@ -49,6 +50,18 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         place.setdefault(item.path.parent, len(place))
     items.sort(key=lambda item: place[item.path.parent])
+
+
+LONG: dict[str, dict[str, list[str]]] = yaml.safe_load((ROOT / "tests" / "long.yaml").read_text())
+"""By file and test: the cases that `make test` keeps of tests that need not run at every change."""
+
+
+def pytest_itemcollected(item: pytest.Item) -> None:
+    """Marks those tests."""
+    if isinstance(item, pytest.Function):
+        kept = LONG.get(item.path.relative_to(ROOT / "tests").as_posix(), {}).get(item.originalname)
+        if kept is not None and (not hasattr(item, "callspec") or item.callspec.id not in kept):
+            item.add_marker("long")
 
 
 def pytest_collection_finish() -> None:

@@ -152,28 +152,6 @@ def test_the_springs_add_up_to_the_deflection(m900ib: Experiment, targets: Targe
     assert np.allclose([rows[name] for name in rows], moved[[targets.name.index(n) for n in rows]], atol=1e-4)
 
 
-def test_the_expected_error_is_the_one_found_in_simulation(m900ib: Experiment, tmp_path: Path) -> None:
-    """Campaigns of the same plan: the RMS error of the true arm against the promised one, per target.
-
-    Readings and fits of the linear model, which is quick; the arm at work settles in its equilibrium.
-    """
-    arm = m900ib.with_(fit=SPRINGS)
-    plan = make_plan(posed(arm, angles(12, 1), MEASURED), ["pull"] * 12)
-    work = joint_targets(arm, angles(2, 5), np.tile(WORK, (2, 1)))
-    x = arm.model().nominal
-    squared, promised = [], []
-    for seed in range(24):
-        readings = simulate(arm, plan, seed=seed, linear=True).readings
-        fit = stored(arm, readings, tmp_path, linear=True)
-        result = compensate(arm, known(fit) if seed % 6 else fit, work, anyway=bool(seed % 6))
-        error = stands(arm, result, x).position - work.wanted.position
-        squared.append(np.sum(error**2, axis=1))
-        if not seed % 6:  # they are much the same after every campaign
-            promised.append(result.sd)
-    ratio = np.sqrt(np.mean(squared, axis=0)) / np.sqrt(np.mean(np.square(promised), axis=0))
-    assert np.all(np.abs(ratio - 1.0) < 0.25), ratio
-
-
 def test_the_slope_of_the_tip_agrees_with_the_models_own(m900ib: Experiment, targets: Targets) -> None:
     """Differences of the full equilibrium against analytic derivatives there, a marker at the tip; linear, about."""
     robot = m900ib.robot

@@ -133,7 +133,7 @@ class Paged:
             self.port = free.getsockname()[1]
         line = ["day", "experiment.yaml", "plan.csv", "--port", str(self.port), *OPTIONS]
         self.child = killed.in_child(killed.qsf(line), self.place.parent / "said")
-        end = time.monotonic() + 60.0
+        end = time.monotonic() + 600.0
         while time.monotonic() < end:
             try:
                 self.ask("GET", "/state")
@@ -148,7 +148,7 @@ class Paged:
 
     def ask(self, method: str, path: str, what: Any = None) -> tuple[int, Any]:
         """OSError where the server is gone."""
-        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=60)
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=600)
         try:
             connection.request(method, path, None if what is None else json.dumps(what), {"X-QSF-Day": "1"})
             answer = connection.getresponse()

@@ -41,6 +41,6 @@ def test_an_empty_folder_is_looked_at_once(root: Path, tmp_path: Path) -> None:
     command = [sys.executable, "-m", "qsframework", "day", *files, "-o", str(tmp_path / "day"), *DAY]
     (tmp_path / "exports").mkdir()
     done = subprocess.run(
-        [*command, "--watch", "exports"], cwd=tmp_path, capture_output=True, text=True, timeout=50, check=True
+        [*command, "--watch", "exports"], cwd=tmp_path, capture_output=True, text=True, timeout=600, check=True
     )
     assert "exports: no file lies there" in done.stdout

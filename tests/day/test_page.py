@@ -180,14 +180,14 @@ def test_a_large_body_is_not_held_and_a_client_may_leave(server: Server, length:
     before, part = memory(server), b"x" * 1_000_000
     part = part if "Length" in length else b"f4240\r\n" + part + b"\r\n"
     head = f"POST /readings HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\nX-QSF-Day: 1\r\n{length}\r\n\r\n"
-    with socket.create_connection(("127.0.0.1", server.port), timeout=60) as client:
+    with socket.create_connection(("127.0.0.1", server.port), timeout=600) as client:
         client.sendall(head.encode())
         try:
             for _ in range(600):
                 client.sendall(part)
         except (ConnectionError, TimeoutError):
             pass  # the server has closed it
-    with socket.create_connection(("127.0.0.1", server.port), timeout=60) as client:
+    with socket.create_connection(("127.0.0.1", server.port), timeout=600) as client:
         client.sendall(head.encode() + part[:100])  # and leaves
     time.sleep(0.5)
     assert server.ask("GET", "/state")[0] == 200

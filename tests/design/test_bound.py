@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import combinations, combinations_with_replacement, product
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,8 +12,9 @@ import pytest
 from qsframework.design import DesignOptions, design, generate_candidates
 from qsframework.design.catalogue import find_criterion
 from qsframework.design.problem import make_problem, tip_rows
-from qsframework.experiment import Experiment
+from qsframework.experiment import Experiment, PlanCertificate
 from qsframework.information import information
+from tests.calibration.small_arm import SPRINGS, small_arm
 
 FIT = tuple(f"joint_compliance[joint_{k}]" for k in (1, 2, 3))
 POSES, COUNT = 7, 4
@@ -63,3 +65,23 @@ def plans(experiment: Experiment, options: DesignOptions):  # type: ignore[no-un
         for a, b in product(choose(range(POSES), min(weights, POSES)), choose(range(POSES), sides)):
             if options.repeats or not set(a) & set(b):
                 yield (*a, *(POSES + i for i in b))
+
+
+def test_the_bound_allows_more_of_a_load_than_its_least_number(tmp_path: Path) -> None:
+    """Of three loads the slanted one would take all poses; with half of them for the side, the weight is better.
+
+    The solver has made both least numbers exact by then: its own optimum is no bound for plans with more weights.
+    """
+
+    def certified(number: str) -> PlanCertificate:
+        pulls = f"{{name: side, fy_N: 1050, poses_min: 4}}, {{name: down, fz_N: -2000, {number}}}"
+        loads = f"[{pulls}, {{name: slanted, fy_N: 1000, fz_N: -1000}}]"
+        arm = small_arm(tmp_path, loads=loads, more=f"fit: {list(SPRINGS[:2])}")
+        options = DesignOptions(criterion="D", polish=False, repeats=True, efficiency=0.8)
+        found = design(arm, 8, candidates=15, options=options).certificate
+        assert found is not None
+        return found
+
+    free, best = certified("poses_min: 1"), min(certified(f"poses: {k}").value for k in range(1, 5))
+    assert best < 0.98 * certified("poses: 1").value
+    assert free.relaxed_value * free.relaxed_efficiency <= best * (1 + 1e-9)

@@ -5,42 +5,14 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from qsframework.cli.main import app
 from qsframework.errors import NotIdentifiable
-from qsframework.estimation import FitOptions
-from qsframework.experiment import example, load_experiment, read_plan, simulate
-from qsframework.identify import identify
-from qsframework.information import predicted_uncertainties
+from qsframework.experiment import example, load_experiment
 
 PAPER = example("m900ib")
-
-
-def test_the_promise_is_what_fits_keep() -> None:
-    """sd promised before, against the scatter of 60 simulated fits of the same plan."""
-    experiment = load_experiment(PAPER / "table5.yaml")
-    springs = [n for n in experiment.fit_names() if n.startswith("joint")]
-    experiment = experiment.with_(fit=tuple(springs))
-    plan = read_plan(PAPER / "table5.csv", experiment)
-    told = predicted_uncertainties(experiment, plan)
-    assert [p.name for p in told] == springs
-    assert not any(p.help for p in told)
-    found = [
-        [
-            e.value
-            for e in identify(
-                experiment,
-                simulate(experiment, plan, seed=s, linear=True).readings,
-                options=FitOptions(linear=True, keep_all=True),
-            ).estimates
-        ]
-        for s in range(60)
-    ]
-    ratio = np.std(found, axis=0) / [p.sd for p in told]
-    assert np.abs(ratio - 1.0).max() < 4.0 / np.sqrt(2 * 60)
 
 
 def test_a_plan_that_cannot_tell_a_spring_says_what_would_help(tmp_path: Path) -> None:

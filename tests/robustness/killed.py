@@ -19,7 +19,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-WAIT = 120.0
+WAIT = 600.0
 Files = dict[str, bytes]
 
 

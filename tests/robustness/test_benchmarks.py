@@ -73,6 +73,7 @@ def test_a_section_is_replaced_and_nothing_else(load, tmp_path, monkeypatch) -> 
     page.write_text("before\n<!-- a -->\nold\n<!-- end of a -->\nafter\n<!-- b -->\nkept\n<!-- end of b -->\n")
     monkeypatch.setattr(common, "PAGE", page)
     monkeypatch.setattr(common, "RECORDS", tmp_path / "records")
+    monkeypatch.setattr(common, "vectors", lambda: "AVX-512")
     common.write_section("a", "new", "the command")
     text = page.read_text()
     assert text.startswith("before\n<!-- a -->\nnew\n")

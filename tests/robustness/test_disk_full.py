@@ -32,7 +32,7 @@ main()
 def limited(size: int, *arguments: str) -> subprocess.CompletedProcess[str]:
     """`qsf` in a process whose files may not grow beyond a size: writing more fails as on a full disk."""
     command = [sys.executable, "-c", LIMITED.format(size=size), *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120)
+    return subprocess.run(command, capture_output=True, text=True, timeout=600)
 
 
 @pytest.fixture

@@ -175,7 +175,7 @@ def test_the_command_line_itself(tmp_path: Path, number: signal.Signals, code: i
         time.sleep(1.5)
         process.send_signal(number)
         said = process.stderr.read()
-        assert process.wait(timeout=30) == code, said
+        assert process.wait(timeout=600) == code, said
     assert said.strip().splitlines()[-1] == "stopped: the files written so far are whole"
     assert "Traceback" not in said
     assert not list(tmp_path.iterdir())
