@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
 
-from qsframework.cli.commands import distinct_outputs, readings_files
+from qsframework.cli.commands import distinct_outputs, load_campaign, readings_files
 from qsframework.cli.printing import print_folded, print_notes
 from qsframework.cli.progress import progress
-from qsframework.experiment import load_experiment, read_readings
+from qsframework.experiment import read_readings
 
 
 def run_certificate(
@@ -29,7 +29,7 @@ def run_certificate(
     from qsframework.report.words.certificate import conformity_words
     from qsframework.report.words.validation import validation_words
 
-    experiment = load_experiment(experiment_file)
+    experiment = load_campaign(experiment_file)
     stored = read_fit(fit)
     sources = readings_files(experiment, data)
     distinct_outputs([output], [experiment_file, fit, *sources, *([meta] if meta else [])])

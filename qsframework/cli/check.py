@@ -20,6 +20,7 @@ from qsframework.experiment import (
 )
 from qsframework.robot import Robot, load_robot, robot_names
 from qsframework.robot.findings import robot_findings
+from qsframework.robot.search import shadows
 from qsframework.robot.statics import WEIGHTLESS
 
 _READ_BY = {
@@ -116,7 +117,8 @@ def _check(file: Path, data: tuple[Path, ...]) -> Checked:
 def _of_robot(robot: Robot) -> tuple[Line, ...]:
     """What deserves a look in the robot's own files."""
     weightless: tuple[Line, ...] = () if robot.facts.masses.any() else ((False, "masses", WEIGHTLESS),)
-    return (*weightless, *((False, found.name, found.words) for found in robot_findings(robot)))
+    own: tuple[Line, ...] = ((None, "robot", words),) if (words := shadows(robot.folder)) else ()
+    return (*own, *weightless, *((False, found.name, found.words) for found in robot_findings(robot)))
 
 
 def _lines(experiment: Experiment, readings: Readings) -> list[Line]:

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from qsframework.cli.printing import print_folded
 from qsframework.errors import InputError, Problem
 from qsframework.files import write_text
 from qsframework.files.formats import FORMAT
@@ -15,6 +16,17 @@ from qsframework.files.formats import FORMAT
 if TYPE_CHECKING:
     from qsframework.experiment import Experiment
     from qsframework.experiment.account import Account
+
+
+def load_campaign(path: Path) -> Experiment:
+    """The experiment of a command, with a line on its robot where that is not the shipped one of its name."""
+    from qsframework.experiment import load_experiment
+    from qsframework.robot.search import shadows
+
+    experiment = load_experiment(path)
+    if words := shadows(experiment.robot.folder):
+        print_folded(f"note: {words}")
+    return experiment
 
 
 def readings_files(experiment: Experiment, data: Sequence[Path], option: str = "FILE...") -> tuple[Path, ...]:

@@ -18,13 +18,13 @@ from qsframework.applications.programmes.targets import (
     read_programme,
 )
 from qsframework.applications.targets import flange_pose, read_targets
-from qsframework.cli.commands import certificate_of_positions, distinct_outputs, write_json
+from qsframework.cli.commands import certificate_of_positions, distinct_outputs, load_campaign, write_json
 from qsframework.cli.declared import Values
 from qsframework.cli.files import CORRECTED, CompensateFiles
 from qsframework.cli.printing import print_folded, print_notes, print_table, print_verdict
 from qsframework.cli.progress import progress
 from qsframework.errors import InputError, Problem
-from qsframework.experiment import Experiment, load_experiment
+from qsframework.experiment import Experiment
 from qsframework.experiment.columns import WRENCH_NAMES, write_table
 from qsframework.files.output import write_bytes
 from qsframework.identify import FitRecord, read_fit
@@ -52,7 +52,7 @@ def run_compensate(
     if programme:
         inputs, outputs = [*inputs[:2], *programme_files(files.targets)], programme_outputs(files)
     distinct_outputs([*outputs, files.json, files.report], inputs)
-    experiment, fit = load_experiment(files.experiment), read_fit(files.fit)
+    experiment, fit = load_campaign(files.experiment), read_fit(files.fit)
     check_fit(fit, experiment.robot, anyway=anyway)
     made: ProgrammeTargets | None = None
     with progress() as tell:

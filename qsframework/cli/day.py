@@ -15,6 +15,7 @@ from qsframework.applications.day.day import DECISIONS, Day, begin, decide, rere
 from qsframework.applications.day.entry import Unconfirmed, enter_file
 from qsframework.applications.day.record import Slot
 from qsframework.applications.options import ProtocolOptions
+from qsframework.cli.commands import load_campaign
 from qsframework.cli.export import plan_of
 from qsframework.cli.files import DayFiles
 from qsframework.cli.printing import print_folded
@@ -51,7 +52,7 @@ def run_day(files: DayFiles, options: ProtocolOptions, port: int, once: bool = F
         raise InputError("--once goes with --watch: the page serves until Ctrl-C")
     if files.watch is not None and not files.watch.is_dir():
         raise InputError(f"--watch: no folder {files.watch}")
-    experiment = load_experiment(files.experiment)
+    experiment = load_campaign(files.experiment)
     day = begin(experiment, plan_of(files.plan, experiment), files.folder, options)
     done = len(day.record.rows)
     begun = f"continued, {done} readings are there" if done else "begun"

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 
-from qsframework.cli.commands import beside, distinct_outputs, write_json
+from qsframework.cli.commands import beside, distinct_outputs, load_campaign, write_json
 from qsframework.cli.files import DesignFiles
 from qsframework.cli.printing import print_folded, print_table, print_verdict
 from qsframework.cli.progress import progress
@@ -25,7 +25,7 @@ from qsframework.design.need import Needed
 from qsframework.design.problem import counted_once
 from qsframework.elastostatics import range_notes
 from qsframework.errors import InputError
-from qsframework.experiment import Experiment, Plan, Readings, load_experiment, read_plan, read_readings, write_plan
+from qsframework.experiment import Experiment, Plan, Readings, read_plan, read_readings, write_plan
 from qsframework.information import predicted_sd
 from qsframework.plugin import Array
 from qsframework.report import certificate_text, sd_table, write_report
@@ -50,7 +50,7 @@ def run_design(
     work: Work,
 ) -> None:
     """Design, write plan.csv and plan.json, print the predicted uncertainties of the plan."""
-    experiment = load_experiment(files.experiment)
+    experiment = load_campaign(files.experiment)
     outputs = [files.output, beside(files.output, ".json"), files.json, files.report]
     distinct_outputs(outputs, files.inputs())
     taken = [read_taken(path, experiment) for path in files.taken]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from qsframework.cli.commands import distinct_outputs, readings_files, write_json
+from qsframework.cli.commands import distinct_outputs, load_campaign, readings_files, write_json
 from qsframework.cli.files import DiagnoseFiles
 from qsframework.cli.printing import print_folded, print_line, print_table
 from qsframework.cli.progress import Tell, progress
@@ -28,7 +28,7 @@ def run_diagnose(files: DiagnoseFiles, options: DiagnoseOptions, work: Work = HE
         return
     if work != HERE:
         raise InputError("--jobs and --dask go with a plan: the diagnosis of readings takes seconds")
-    experiment = load_experiment(files.experiment)
+    experiment = load_campaign(files.experiment)
     sources = readings_files(experiment, files.data, f"them: qsf diagnose {files.experiment} readings.csv")
     plan = (files.output or Path("follow-up.csv")) if options.follow_up else None
     mounts_of(experiment, options.without)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from qsframework.cli.commands import beside, distinct_outputs, write_json
+from qsframework.cli.commands import beside, distinct_outputs, load_campaign, write_json
 from qsframework.cli.printing import print_folded, print_notes, print_table, print_verdict
 from qsframework.cli.progress import progress
 from qsframework.errors import NotIdentifiable
-from qsframework.experiment import load_experiment, read_plan
+from qsframework.experiment import read_plan
 from qsframework.work import HERE, Work
 
 
@@ -31,7 +31,7 @@ def run_foresight(
     from qsframework.report.result_json import foresight_json
     from qsframework.report.words.forecast import foresight_verdict, foresight_words
 
-    campaign = load_experiment(experiment)
+    campaign = load_campaign(experiment)
     distinct_outputs([json, report], [experiment, plan, beside(plan, ".json")])
     planned = read_plan(plan, campaign)
     predicted = predicted_uncertainties(campaign, planned)

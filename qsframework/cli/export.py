@@ -12,11 +12,11 @@ from qsframework.applications.export import ENDINGS, export, written
 from qsframework.applications.options import ExportOptions
 from qsframework.applications.ordering import with_repeats
 from qsframework.applications.programme import Programme, draft, make_programme
-from qsframework.cli.commands import beside, distinct_outputs, write_json
+from qsframework.cli.commands import beside, distinct_outputs, load_campaign, write_json
 from qsframework.cli.printing import print_folded, print_notes
 from qsframework.cli.progress import progress
 from qsframework.errors import InputError, Problem
-from qsframework.experiment import Experiment, Plan, load_experiment, read_plan
+from qsframework.experiment import Experiment, Plan, read_plan
 from qsframework.files import read_text
 from qsframework.plugin import Array
 
@@ -27,7 +27,7 @@ def run_export(plan_file: Path, file: Path, output: Path, options: ExportOptions
     endings = ENDINGS.get(options.to, ())
     outputs = [beside(output, s) for s in endings] if len(endings) > 1 else [output]
     distinct_outputs([*outputs, json], [file, plan_file, beside(plan_file, ".json")])
-    experiment = load_experiment(file)
+    experiment = load_campaign(file)
     plan = with_repeats(plan_of(plan_file, experiment), options.repeat_share, options.seed)
     home = None if options.home is None else home_pose(experiment, options.home)
     named = {"tool": options.tool, "frame": options.frame}

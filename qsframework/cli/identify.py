@@ -6,11 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from qsframework.cli.commands import distinct_outputs, readings_files, write_json
+from qsframework.cli.commands import distinct_outputs, load_campaign, readings_files, write_json
 from qsframework.cli.files import FitFiles
 from qsframework.cli.printing import print_folded, print_notes, print_table, print_verdict
 from qsframework.cli.progress import steps
-from qsframework.experiment import Experiment, Readings, load_experiment, read_readings
+from qsframework.experiment import Experiment, Readings, read_readings
 
 if TYPE_CHECKING:
     from qsframework.estimation import FitOptions
@@ -44,7 +44,7 @@ def run_identify(files: FitFiles, fit: list[str] | None, options: FitOptions, cl
     from qsframework.identify.io import result_files
     from qsframework.report.words.fit import fit_verdict
 
-    experiment = load_experiment(files.experiment)
+    experiment = load_campaign(files.experiment)
     sources = readings_files(experiment, files.data)
     other = _other(files.compare, experiment)
     inputs = [files.experiment, *sources, *([files.compare] if files.compare else [])]
@@ -120,7 +120,7 @@ def run_validate(files: FitFiles, fit: Path, halves: int, seed: int) -> None:
     from qsframework.report.validation_section import validation_section, validation_tables
     from qsframework.report.words.validation import validation_verdict
 
-    experiment = load_experiment(files.experiment)
+    experiment = load_campaign(files.experiment)
     stored = read_fit(fit)
     sources = readings_files(experiment, files.data)
     distinct_outputs([files.json, files.report], [files.experiment, fit, *sources])

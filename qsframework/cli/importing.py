@@ -8,10 +8,9 @@ from pathlib import Path
 from qsframework.applications.importers import ImportOptions, import_readings
 from qsframework.applications.importers.importing import UNLOADED
 from qsframework.applications.importers.mapping import read_mapping
-from qsframework.cli.commands import distinct_outputs, write_json
+from qsframework.cli.commands import distinct_outputs, load_campaign, write_json
 from qsframework.cli.files import ImportFiles
 from qsframework.cli.printing import print_folded, print_table
-from qsframework.experiment import load_experiment
 from qsframework.experiment.measured import keep_measured, write_imported
 
 
@@ -33,7 +32,7 @@ def run_import(files: ImportFiles, options: ImportOptions) -> None:
     distinct_outputs([None if files.look else files.output, files.json], inputs)
     if not files.look:
         keep_measured([files.output], "-o")
-    experiment = load_experiment(files.experiment)
+    experiment = load_campaign(files.experiment)
     if files.mapping is not None:
         stated = read_mapping(files.mapping)
         options = replace(

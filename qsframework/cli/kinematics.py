@@ -6,9 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from qsframework.applications.kinematics import WRITERS, Fitted, Written, fitted, offset_rows, write_offsets
-from qsframework.cli.commands import certificate_of_positions, distinct_outputs, write_json
+from qsframework.cli.commands import certificate_of_positions, distinct_outputs, load_campaign, write_json
 from qsframework.cli.printing import print_folded, print_notes, print_table
-from qsframework.experiment import load_experiment
 from qsframework.files import as_file
 from qsframework.identify import read_fit
 
@@ -26,7 +25,7 @@ def run_kinematics(
 ) -> None:
     """Print the joints' offsets, write the files that are asked for, and say what each differs by and lacks."""
     distinct_outputs([*outputs.values(), offsets, json], [file, fit_file])
-    experiment, fit = load_experiment(file), read_fit(fit_file)
+    experiment, fit = load_campaign(file), read_fit(fit_file)
     one = fitted(experiment, fit, anyway=anyway)
     rows = offset_rows(one)
     print_table(tuple(rows[0]), tuple(tuple(row.values()) for row in rows))

@@ -56,9 +56,12 @@ def run_new(name: str, urdf: Path | None, dh: Path | None, folder: Path | None, 
     """Write the folder of a new robot from a URDF or a table, try it, and print what is still to be looked up."""
     from qsframework.applications.first_campaign import first_campaign
     from qsframework.robot.new import new
+    from qsframework.robot.search import shadows
 
     made = new(name, urdf, dh, folder, arm, lambda robot: first_campaign(robot, "."))
     print(f"{made.folder}: {', '.join(made.files)}")
+    if words := shadows(made.folder):
+        print_folded(f"note: {words}, wherever an experiment stands beside it")
     _print_chain(made.chain)
     failed = _print_checks(made.checks)
     print("to look up, in README.md too:")

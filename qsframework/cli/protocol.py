@@ -14,10 +14,9 @@ from qsframework.applications.protocol import (
     write_floor_file,
     write_reading_file,
 )
-from qsframework.cli.commands import beside, distinct_outputs
+from qsframework.cli.commands import beside, distinct_outputs, load_campaign
 from qsframework.cli.export import plan_of
 from qsframework.cli.printing import print_folded, print_notes
-from qsframework.experiment import load_experiment
 from qsframework.experiment.measured import keep_measured
 
 
@@ -34,7 +33,7 @@ def run_protocol(file: Path, plan_file: Path, sheet: Path, readings: Path, optio
     floor = floor_file(readings) if readings.name else readings
     distinct_outputs([sheet, readings, floor], [file, plan_file, beside(plan_file, ".json")])
     keep_measured([readings, floor], "--readings")
-    experiment = load_experiment(file)
+    experiment = load_campaign(file)
     plan = plan_of(plan_file, experiment)
     protocol = make_protocol(experiment, plan, options, str(plan_file))
     commands = Commands(

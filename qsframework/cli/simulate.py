@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from qsframework.cli.commands import beside, distinct_outputs, write_json
+from qsframework.cli.commands import beside, distinct_outputs, load_campaign, write_json
 from qsframework.cli.printing import print_folded, print_notes
 from qsframework.errors import some_of
-from qsframework.experiment import Experiment, load_experiment, read_plan
+from qsframework.experiment import Experiment, read_plan
 from qsframework.experiment.readings_table import holds_readings
 
 
@@ -32,7 +32,7 @@ def run_simulate(
     others = [path for path in (json, report) if path != sidecar]
     distinct_outputs([output, sidecar, *others], [file, plan_file, beside(plan_file, ".json")])
     keep_measured([output], "-o")
-    experiment = load_experiment(file)
+    experiment = load_campaign(file)
     if holds_readings(plan_file):
         _run_rows(experiment, plan_file, output, truth, seed, linear)
         return

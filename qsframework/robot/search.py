@@ -28,23 +28,39 @@ def robot_names() -> tuple[str, ...]:
 
 
 def find_robot(name: str | Path, beside: Path | None = None) -> Path:
-    """The robot.yaml of a name on the search path, or of a path (also relative to the folder `beside`).
+    """The robot.yaml of a path or a name: in the folder `beside` (by default the current one), else on the search path,
+    else in the current folder.
 
     InputError offers the nearest name and says how to add a robot.
     """
-    if ROBOT_NAME.fullmatch(str(name)):
-        for folder in search_path():
-            if is_file(folder / str(name) / "robot.yaml"):
-                return folder / str(name) / "robot.yaml"
-    for base in (beside, Path()):
-        path = None if base is None else base / name
-        if path is not None and is_file(path / "robot.yaml"):
-            return path / "robot.yaml"
-        if path is not None and path.suffix in (".yaml", ".yml") and is_file(path):
-            return path
+    near = Path() if beside is None else beside
+    places = (_in_folder(near / name), on_search_path(str(name)), _in_folder(Path(name)))
+    if (place := next(filter(None, places), None)) is not None:
+        return place
     names = robot_names()
     hint = " ".join(part for part in (nearest(str(name), names), _HOW_TO_ADD) if part)
     raise InputError(Problem(f"unknown robot {str(name)[:80]!r}", allowed=", ".join(names) or "none found", hint=hint))
+
+
+def _in_folder(path: Path) -> Path | None:
+    """The robot.yaml of a folder, or the file itself."""
+    if is_file(path / "robot.yaml"):
+        return path / "robot.yaml"
+    return path if path.suffix in (".yaml", ".yml") and is_file(path) else None
+
+
+def on_search_path(name: str) -> Path | None:
+    """The robot.yaml of a name on the search path."""
+    paths = (folder / name / "robot.yaml" for folder in search_path() if ROBOT_NAME.fullmatch(name))
+    return next(filter(is_file, paths), None)
+
+
+def shadows(folder: Path) -> str:
+    """What to say of a robot's folder that is read in place of one of its name on the search path; else nothing."""
+    other = on_search_path(folder.resolve().name)
+    if other is None or other.parent.resolve() == folder.resolve():
+        return ""
+    return f"the folder {folder} is read, not the robot {folder.resolve().name} of {other.parent.parent}"
 
 
 def is_file(path: Path) -> bool:
