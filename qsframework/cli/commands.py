@@ -14,7 +14,7 @@ from qsframework.files import write_text
 from qsframework.files.formats import FORMAT
 
 if TYPE_CHECKING:
-    from qsframework.experiment import Experiment
+    from qsframework.experiment import Experiment, Plan
     from qsframework.experiment.account import Account
 
 
@@ -27,6 +27,17 @@ def load_campaign(path: Path) -> Experiment:
     if words := shadows(experiment.robot.folder):
         print_folded(f"note: {words}")
     return experiment
+
+
+def load_plan(path: Path, experiment: Experiment) -> Plan:
+    """The plan of a command, with a line on what changed since it was made."""
+    from qsframework.experiment.plan import changed_since, read_plan
+
+    plan = read_plan(path, experiment)
+    if parts := changed_since(path, experiment):
+        words = f"the {' and the '.join(parts)} changed since {path} was made"
+        print_folded(f"note: {words}: its proof is of another campaign; qsf design makes it anew")
+    return plan
 
 
 def readings_files(experiment: Experiment, data: Sequence[Path], option: str = "FILE...") -> tuple[Path, ...]:

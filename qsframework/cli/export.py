@@ -12,11 +12,11 @@ from qsframework.applications.export import ENDINGS, export, written
 from qsframework.applications.options import ExportOptions
 from qsframework.applications.ordering import with_repeats
 from qsframework.applications.programme import Programme, draft, make_programme
-from qsframework.cli.commands import beside, distinct_outputs, load_campaign, write_json
+from qsframework.cli.commands import beside, distinct_outputs, load_campaign, load_plan, write_json
 from qsframework.cli.printing import print_folded, print_notes
 from qsframework.cli.progress import progress
 from qsframework.errors import InputError, Problem
-from qsframework.experiment import Experiment, Plan, read_plan
+from qsframework.experiment import Experiment, Plan
 from qsframework.files import read_text
 from qsframework.plugin import Array
 
@@ -50,7 +50,7 @@ def run_export(plan_file: Path, file: Path, output: Path, options: ExportOptions
 
 def plan_of(file: Path, experiment: Experiment) -> Plan:
     """A plan for the real robot: InputError where it, or the proof beside it, names another robot."""
-    plan, beside, name = read_plan(file, experiment), file.with_suffix(".json"), experiment.robot.name
+    plan, beside, name = load_plan(file, experiment), file.with_suffix(".json"), experiment.robot.name
     if beside.is_file():
         named = json_module.loads(read_text(beside)).get("robot", name)
         if named != name:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from qsframework.cli.commands import beside, distinct_outputs, load_campaign, write_json
+from qsframework.cli.commands import beside, distinct_outputs, load_campaign, load_plan, write_json
 from qsframework.cli.printing import print_folded, print_notes
 from qsframework.errors import some_of
-from qsframework.experiment import Experiment, read_plan
+from qsframework.experiment import Experiment
 from qsframework.experiment.readings_table import holds_readings
 
 
@@ -36,7 +36,7 @@ def run_simulate(
     if holds_readings(plan_file):
         _run_rows(experiment, plan_file, output, truth, seed, linear)
         return
-    plan = read_plan(plan_file, experiment)
+    plan = load_plan(plan_file, experiment)
     solid = touching(experiment, plan.pendant)
     for constraint, poses in broken_constraints(experiment, plan).items():
         pairs = ", ".join(dict.fromkeys(filter(None, solid.get(constraint, ()))))

@@ -27,6 +27,7 @@ from qsframework.experiment.columns import (
     strength_problems,
     write_table,
 )
+from qsframework.experiment.description import changed_parts, description
 from qsframework.experiment.limits import within_limits
 from qsframework.experiment.setup import Experiment
 from qsframework.files import FileRecord, as_file, read_yaml, sha256, validate, write_text
@@ -71,6 +72,7 @@ class _Proof(FileRecord):
     certificate: PlanCertificate | None
     seed: int | None
     plan_sha256: str
+    description: dict[str, str] | None = None
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -211,7 +213,7 @@ def write_plan(path: str | Path, plan: Plan, experiment: Experiment) -> None:
         "seed": plan.seed,
         "robot": experiment.robot.name,
         "plan_sha256": sha256(path),
-        "experiment_sha256": sha256(experiment.path),
+        "description": description(experiment.robot, experiment),
     }
     write_text(path.with_suffix(".json"), json.dumps(beside, indent=2, sort_keys=True) + "\n")
 
@@ -243,11 +245,11 @@ def read_plan(path: str | Path, experiment: Experiment) -> Plan:
         hint = "`positions: {}` in the experiment plans positions without a load."
         problems.append(Problem("every force is zero; nothing bends the arm", str(path), hint=hint))
     refuse(problems)
-    certificate, criterion, seed = _proof(path)
+    proof = _proof(path)
     poses = Poses(pendant, experiment.robot.controller.to_joints(pendant), wrench)
     load, repeats = table.text("load"), table.counts("repeats")
     units, robot = experiment.robot.controller.units, experiment.robot.name
-    return make_plan(poses, load, repeats, criterion, certificate, seed, names, units, station, robot)
+    return make_plan(poses, load, repeats, proof.criterion, proof.certificate, proof.seed, names, units, station, robot)
 
 
 def read_poses(path: str | Path, experiment: Experiment) -> Poses:
@@ -287,10 +289,17 @@ def _repeated_poses(table: Table, constant: Array, station: Sequence[str]) -> li
     return problems
 
 
-def _proof(path: Path) -> tuple[PlanCertificate | None, str, int | None]:
+def changed_since(path: Path, experiment: Experiment) -> tuple[str, ...]:
+    """What of arm and campaign is described otherwise than when a plan was made, by the proof beside it."""
+    proof = _proof(path)
+    return tuple(changed_parts(proof.description, experiment.robot, experiment)) if proof.description else ()
+
+
+def _proof(path: Path) -> _Proof:
+    """The proof beside a plan; without its certificate where it is of another plan, empty where there is none."""
     beside = path.with_suffix(".json")
     if not beside.is_file():
-        return None, "", None
+        return _Proof(criterion="", certificate=None, seed=None, plan_sha256="")
     try:
         document = read_yaml(beside)
         check_format(document)
@@ -298,4 +307,4 @@ def _proof(path: Path) -> tuple[PlanCertificate | None, str, int | None]:
     except InputError as error:
         told = (replace(p, message=f"is not the proof of a plan: {p.message}") for p in error.problems)
         raise InputError(told) from error
-    return proof.certificate if proof.plan_sha256 == sha256(path) else None, proof.criterion, proof.seed
+    return proof if proof.plan_sha256 == sha256(path) else replace(proof, certificate=None)

@@ -14,7 +14,8 @@ import numpy as np
 
 from qsframework.errors import InputError, NotConverged, NotIdentifiable, Problem
 from qsframework.experiment import Experiment, Readings, load_experiment, read_readings
-from qsframework.experiment.account import UsedFile, changed_parts
+from qsframework.experiment.account import UsedFile
+from qsframework.experiment.description import changed_parts
 from qsframework.experiment.observations import start_values
 from qsframework.files import sha256
 from qsframework.identify.identify import identify

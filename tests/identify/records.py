@@ -9,7 +9,8 @@ import numpy as np
 
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment
-from qsframework.experiment.account import Account, description
+from qsframework.experiment.account import Account
+from qsframework.experiment.description import description
 from qsframework.identify import Estimate, FitRecord
 from qsframework.plugin import Array
 

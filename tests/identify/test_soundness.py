@@ -18,7 +18,7 @@ from qsframework.cli.main import app
 from qsframework.cli.show import Shown, make_scene
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Readings
-from qsframework.experiment.account import robot_hash
+from qsframework.experiment.description import robot_hash
 from qsframework.experiment.readings_file import read_readings
 from qsframework.experiment.readings_table import write_readings
 from qsframework.identify import FitRecord, identify, read_fit, validate, write_fit
