@@ -75,24 +75,26 @@ def best_law(
     if not remaining.law_trials:
         return None
     plainest, *others = remaining.law_trials
-    alone = base.refit([*kept, plainest.cause])
-    if alone is None:
+    plain = base.refit([*kept, plainest.cause])
+    if plain is None:
         return None
-    physical, possible = _within_bounds(alone), [(plainest, alone)]
+    physical, possible = _within_bounds(plain), [(plainest, plain)]
     likely = shares([trial.evidence for trial in remaining.law_trials])[1:] if physical else ()
     for trial in (trial for trial, share in zip(others, likely, strict=False) if share > 0.0):
         other = base.refit([*kept, trial.cause])
         if other is not None and _within_bounds(other):
             possible.append((trial, other))
     odds = shares([trial.evidence for trial, _ in possible]).tolist()
-    laws = [(share, trial.cause, fit) for share, (trial, fit) in zip(odds, possible, strict=True) if share > 0.0]
-    fit = laws[0][2] if len(laws) == 1 else _average(base, kept, laws)
+    averaged = [(share, trial, fit) for share, (trial, fit) in zip(odds, possible, strict=True) if share > 0.0]
+    _, first, alone = averaged[0]  # the plainest, unless nothing of the average is its
+    laws = [(share, trial.cause, fit) for share, trial, fit in averaged]
+    fit = alone if len(laws) == 1 else _average(base, kept, laws)
     cases = [(share, base.case_at([*kept, cause], own)) for share, cause, own in laws]
     held = held_out_average(base.case_at(kept, certain), cases, options.seed, options.repeats)
     return LearnedLaw(
         causes=tuple(cause for _, cause, _ in laws),
         shares=tuple(share for share, _, _ in laws),
-        leftover=plainest.leftover,
+        leftover=first.leftover,
         s=float(np.sqrt(max(certain.chi2 - fit.chi2, 0.0))),
         alone=alone,
         fit=fit,
@@ -102,7 +104,7 @@ def best_law(
         clear=held.clear,
         anew=remaining.anew,
         physical=physical,
-        alike=alike(base.case, kept, alone, plainest.leftover.law, plainest.cause),
+        alike=alike(base.case, kept, alone, first.leftover.law, first.cause),
     )
 
 

@@ -120,8 +120,14 @@ def _within(R: Array, z: Array, free: Array, low: Array, high: Array) -> Array:
 
 
 def linearized(experiment: Experiment, readings: Readings) -> Linearized:
-    """The experiment's parameters about their nominal values. NotIdentifiable where the readings tell none."""
-    return of_observations(experiment, observation_model(experiment, readings, experiment.fit_names(), linear=True))
+    """The experiment's parameters about their nominal values. NotIdentifiable where the readings identify none, or are
+    no more than what they identify: nothing contradicts them then."""
+    fit = of_observations(experiment, observation_model(experiment, readings, experiment.fit_names(), linear=True))
+    if fit.fit.dof <= 0:
+        raise NotIdentifiable(
+            f"{len(fit.errors)} numbers were read for as many parameters and frames: measure more poses, or fit fewer"
+        )
+    return fit
 
 
 def of_observations(experiment: Experiment, seen: ObservationModel) -> Linearized:

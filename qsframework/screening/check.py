@@ -113,7 +113,10 @@ def _proved(given: Linearized) -> tuple[list[Mistake], list[Mistake], Linearized
         else:
             found = found[:1]
         proved += found
-        given = linearized(found[-1].experiment, found[-1].readings)
+        try:
+            given = linearized(found[-1].experiment, found[-1].readings)
+        except _UNIDENTIFIABLE:
+            break
     return proved, rest, given
 
 

@@ -6,6 +6,7 @@ A deterministic check before any physics is suspected: a wrong convention is not
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -97,7 +98,10 @@ def whole_table(given: Linearized, standing: Standing) -> list[Mistake]:
     aside = np.zeros(len(readings), dtype=bool)
     aside[standing.rows.keep] = standing.wrong[standing.visits.of]
     many = float(standing.wrong.mean()) > _MANY
-    others = given if many or not aside.any() else linearized(experiment, readings.masked(aside))
+    others = given
+    if aside.any() and not many:
+        with suppress(NotIdentifiable):  # what is left may identify too little
+            others = linearized(experiment, readings.masked(aside))
     changes = [] if _as_stated(others) else [c for make in _CHANGES for c in make(experiment, others.readings)]
     changes = [replace(c, tried=len(changes)) for c in changes]
     trials = zip(changes, _trials(changes, others), strict=True)
@@ -374,7 +378,8 @@ def _one(change: Hypothesis, given: Linearized) -> Linearized | None:
             if rms(rows.scalars - rows.flat(rows.seen(positions, frames))) > _FAR * rms(given.errors):
                 return None
         seen = observation_model(change.experiment, change.readings, names, linear=True, frames=frames, rows=rows)
-        return of_observations(change.experiment, seen)
+        fit = of_observations(change.experiment, seen)
+        return fit if fit.fit.dof > 0 else None
     except (InputError, NotIdentifiable):
         return None
 

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from independent_arm import HEAVY
 
+from qsframework.diagnose import diagnose
 from qsframework.diagnose.learn import shares
-from qsframework.experiment import ReadingRows
+from qsframework.experiment import ReadingRows, load_experiment, read_readings
 from qsframework.hypotheses.catalogue.causes import find_causes, widened
 from qsframework.hypotheses.columns import Case, make_case
 from qsframework.hypotheses.exact_refit import SettledFit, averaged_fit
 from qsframework.hypotheses.search.cross_validation import folds, held_out_average
 from qsframework.hypotheses.search.model_selection import refit
 from qsframework.plugin import Array
+from qsframework.report.result_json import diagnosis_json
 from tests.diagnose.clean_fit import clean_fit
 
 SHARES = (0.6, 0.3, 0.1)
@@ -102,3 +105,16 @@ def test_shares_follow_half_of_the_evidence() -> None:
     found = shares([10.0, 10.0 - 2.0 * np.log(2.0), 3.0])
     assert found == pytest.approx([2.0 / 3.0, 1.0 / 3.0, 0.0])
     assert shares([5.0] * 60).sum() == pytest.approx(1.0)
+
+
+def test_an_average_without_its_plainest_law_is_led_by_the_next() -> None:
+    """48 poses at which the plainest law gets no share: names and weights are of one law."""
+    folder = Path(__file__).parent / "no_share_of_the_plainest"
+    experiment = load_experiment(folder / "experiment.yaml")
+    diagnosis = diagnose(experiment, read_readings([folder / "readings.csv", folder / "second.csv"], experiment))
+    learned = diagnosis.learned
+    assert learned is not None
+    assert set(learned.cause.names) <= set(learned.alone.names)
+    assert learned.leftover.law.place in learned.name
+    assert learned.shares[0] > 0.0
+    assert diagnosis_json(diagnosis)["learned"]["weights"].keys() == set(learned.cause.names)

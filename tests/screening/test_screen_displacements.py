@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from qsframework.cli import main
 from qsframework.errors import NotIdentifiable
 from qsframework.estimation import FitOptions, Independent, LinearFit
-from qsframework.experiment import Experiment, Plan, Readings, make_plan, simulate
+from qsframework.experiment import Experiment, Plan, Readings, example, make_plan, simulate
 from qsframework.hypotheses.catalogue.exchanged_markers import exchanged_markers
 from qsframework.hypotheses.catalogue.late_angles import late_angles
 from qsframework.hypotheses.linearized import linearized
@@ -281,3 +283,21 @@ def test_readings_that_tell_nothing_are_no_fit_and_screening_goes_on(r2000ic: Ex
     with pytest.raises(NotIdentifiable, match="joint_compliance"):
         linearized(r2000ic, blind)
     assert wrong_in(r2000ic, blind) == ()
+
+
+@pytest.mark.parametrize("words", [["check"], ["identify", "--clean"], ["diagnose"]], ids=lambda words: words[0])
+def test_readings_that_nothing_contradicts_are_no_fault(
+    words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two rows give six numbers for six springs: no degree of freedom is left."""
+    lines = (example("r2000ic") / "readings.csv").read_text().splitlines()
+    table = [line for line in lines if not line.startswith("#")]
+    (tmp_path / "few.csv").write_text("\n".join([table[0], table[3], table[20]]) + "\n")
+    command = [words[0], str(example("r2000ic") / "experiment.yaml"), str(tmp_path / "few.csv"), *words[1:]]
+    monkeypatch.setattr("sys.argv", ["qsf", *command])
+    try:
+        main()
+        code = 0
+    except SystemExit as stop:
+        code = stop.code or 0
+    assert code == (0 if words[0] == "check" else 2), capsys.readouterr().err
