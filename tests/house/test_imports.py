@@ -8,7 +8,6 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
 from sources import LIBRARY, PLUGINS, ROOT, complaints, tree
 
 LAYERS = (
@@ -188,43 +187,3 @@ def test_the_library_refers_to_effects_by_role() -> None:
     """Another package's gear or load error is as good as the built-in one."""
     others = [path for path in LIBRARY if not path.match(f"*/{TEMPLATE}")]
     assert complaints(others, effects_named) == []
-
-
-@pytest.mark.parametrize(
-    ("source", "names"),
-    [
-        ("import scipy.stats", ["scipy.stats"]),
-        ("try:\n    import pint\nexcept ImportError:\n    pint = None", ["pint"]),
-        ("class A:\n    import cvxpy", ["cvxpy"]),
-        ("def f():\n    import cvxpy", []),
-        ("if TYPE_CHECKING:\n    import pinocchio", []),
-        ("from qsframework import units", ["qsframework.units"]),
-    ],
-)
-def test_the_reading_of_imports(source: str, names: list[str]) -> None:
-    assert list(imported_at_once(ast.parse(source))) == names
-
-
-@pytest.mark.parametrize(
-    ("source", "found"),
-    [
-        ('import_module("qsframework.report.views")', ["identify may not import report"]),
-        ('importlib.import_module(f"qsframework.report.{name}")', ["identify may not import report"]),
-        (
-            'importlib.import_module(f"qsframework.{name}")',
-            ["identify imports what no name says"],
-        ),
-        ('import_module("qsframework." + name)', ["identify imports what no name says"]),
-        ('import_module(".report", "qsframework")', ["identify imports what no name says"]),
-        ('files("qsframework").joinpath("report")', ["identify imports what no name says"]),
-        ('files("qsframework.viz")', ["identify may not import viz"]),
-        ('__import__("qsframework.cli")', ["identify may not import cli"]),
-        ('HOME = "qsframework.diagnose:diagnose"', ["identify may not import diagnose"]),
-        ('"""As qsframework.report shows it."""', []),
-        ('import_module("qsframework.robot.load")', []),
-        ('version("qsframework")', []),
-        ('GROUP = "qsframework.effects"', []),
-    ],
-)
-def test_imports_by_a_text_are_seen(source: str, found: list[str]) -> None:
-    assert list(upward("identify", ast.parse(source))) == found

@@ -8,7 +8,6 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
 from packaging.requirements import Requirement
 from sources import MODULES, ROOT, complaints, text, tree
 
@@ -71,21 +70,6 @@ def made_by_position(path: Path) -> Iterator[str]:
 
 def test_large_records_are_made_by_keywords() -> None:
     assert complaints(MODULES, made_by_position) == []
-
-
-@pytest.mark.parametrize(
-    ("source", "found"),
-    [
-        ("class A:\n    a: int", ([], 0)),
-        ("@dataclass\nclass A:\n    a: int\n    b: ClassVar[int] = 0\n    c: int", (["a", "c"], 2)),
-        ("@dataclass(frozen=True)\nclass A:\n    a: int\n    _: KW_ONLY\n    c: int", (["a", "c"], 1)),
-        ("@dataclass(frozen=True, kw_only=True)\nclass A:\n    a: int", (["a"], 0)),
-    ],
-)
-def test_the_reading_of_records(source: str, found: tuple[list[str], int]) -> None:
-    (node,) = ast.parse(source).body
-    assert isinstance(node, ast.ClassDef)
-    assert fields(node) == found
 
 
 OPTION = re.compile(r"(?<![\w-])--[a-z]")
