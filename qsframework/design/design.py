@@ -33,6 +33,7 @@ from qsframework.elastostatics import Site
 from qsframework.errors import InputError, NotIdentifiable, some_of
 from qsframework.experiment import Experiment, Plan, PlanCertificate, Readings, make_plan
 from qsframework.experiment.observations import start_values
+from qsframework.experiment.plan import nothing_bends
 from qsframework.information.rows import as_rows, gathered_information
 from qsframework.plugin import Array, Indices, Poses
 from qsframework.work import HERE, Work
@@ -91,6 +92,8 @@ def design(
     options = options or DesignOptions(criterion=criterion)
     if poses < 1 and options.budget is None:
         raise InputError(f"poses must be 1 or more, found {poses}")
+    if test_poses is not None and not (np.any(test_poses.wrench) or experiment.plans_positions):
+        raise InputError(replace(nothing_bends(), argument=("test-poses", "PLAN")))
     tell: Progress = progress or (lambda step, done, total: None)
     if isinstance(candidates, int):
         told = partial(tell, "candidate poses")

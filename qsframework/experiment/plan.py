@@ -242,14 +242,19 @@ def read_plan(path: str | Path, experiment: Experiment) -> Plan:
     problems += _repeated_poses(table, np.hstack([pendant, wrench]), station)
     problems += _station_problems(table, station, experiment)
     if not problems and not np.any(wrench) and not experiment.plans_positions:
-        hint = "`positions: {}` in the experiment plans positions without a load."
-        problems.append(Problem("every force is zero; nothing bends the arm", str(path), hint=hint))
+        problems.append(nothing_bends(str(path)))
     refuse(problems)
     proof = _proof(path)
     poses = Poses(pendant, experiment.robot.controller.to_joints(pendant), wrench)
     load, repeats = table.text("load"), table.counts("repeats")
     units, robot = experiment.robot.controller.units, experiment.robot.name
     return make_plan(poses, load, repeats, proof.criterion, proof.certificate, proof.seed, names, units, station, robot)
+
+
+def nothing_bends(file: str | None = None) -> Problem:
+    """What is wrong with poses of which none has a load."""
+    hint = "`positions: {}` in the experiment plans positions without a load."
+    return Problem("every force is zero; nothing bends the arm", file, hint=hint)
 
 
 def read_poses(path: str | Path, experiment: Experiment) -> Poses:

@@ -18,7 +18,7 @@ from qsframework.design.task import white_basis
 from qsframework.errors import InputError, NotCertified, NotIdentifiable
 from qsframework.experiment import Experiment
 from qsframework.experiment.setup import StatedNoise
-from qsframework.plugin import Array
+from qsframework.plugin import Array, Poses
 from qsframework.plugin.facts import frozen
 
 
@@ -76,6 +76,13 @@ def test_wishes_that_cannot_be_met(
 ) -> None:
     with pytest.raises(InputError, match=words):
         design(m900ib, poses, candidates=few, options=options)
+
+
+def test_test_poses_without_a_load_are_refused_as_in_a_file(m900ib: Experiment, few: Array) -> None:
+    """The tip's error under no load is nothing, whatever the plan."""
+    idle = Poses(few, m900ib.robot.controller.to_joints(few), np.zeros((len(few), 6)))
+    with pytest.raises(InputError, match="every force is zero; nothing bends the arm"):
+        design(m900ib, 8, candidates=few, test_poses=idle)
 
 
 def test_a_budget_with_costs_is_for_the_solver_columns(m900ib: Experiment, few: Array) -> None:
