@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from qsframework.applications.reach import Free, Reached, ReachTool, reach, tool_of
+from qsframework.applications.inverse import Free, Reached, ReachTool, reach, tool_of
 from qsframework.applications.task import Task
 from qsframework.arguments import checked
 from qsframework.design import DesignOptions, design
