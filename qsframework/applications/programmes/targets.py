@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from qsframework.applications.compensate import Compensation
-from qsframework.applications.controller_names import axis_names, maker_of
+from qsframework.applications.controller_files import axis_names, maker_of
 from qsframework.applications.inverse import TipPose, find_joints, rigid_tip
 from qsframework.applications.options import ProgrammeOptions
 from qsframework.applications.programmes.names import AMBIGUOUS
