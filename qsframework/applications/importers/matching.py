@@ -366,6 +366,7 @@ def match_order(points: Sequence[TrackerPoint], campaign: Campaign, experiment: 
             problems.append(point.problem(message, hint=hint, argument=("match", "names")))
         out.append(replace(point, slot=slot, by=dict.fromkeys(("pose", "marker", "loaded"), "order")))
     refuse(problems)
+    check_twice(out)
     return out
 
 

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from qsframework import units
 from qsframework.applications.importers.layout import NO_SIGHT, Sheet
+from qsframework.applications.importers.names import plain
 from qsframework.applications.importers.sheets import NUMBER
 from qsframework.applications.importers.vocabulary import (
     MEASURED,
@@ -87,6 +88,11 @@ class Listing:
     def xyz(self) -> Array:
         """Coordinates (N, 3)."""
         return np.stack([self.numbers[a] for a in XYZ], axis=1)
+
+    @property
+    def plain_names(self) -> list[str]:
+        """The names of its rows, made plain."""
+        return [plain(name) for name in self.texts["name"]]
 
     def angles(self, joints: int) -> Array:
         """Pendant angles (N, joints) rad of a table that holds them."""
