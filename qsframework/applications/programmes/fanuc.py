@@ -23,7 +23,7 @@ from qsframework.applications.programmes.source import (
     tokenise,
     unmoved,
 )
-from qsframework.errors import InputError, Problem
+from qsframework.errors import InputError, Problem, refuse
 
 GRAMMAR = re.compile(
     r"(?P<section>^/[A-Z]+\b)"
@@ -174,8 +174,7 @@ def positions(path: Path, tokens: Sequence[Token]) -> list[ProgrammePoint]:
             continue
         label = next((t.text for t in inside if t.kind == "label"), "").strip(':" \t')
         out.append(_position(path, name, label, own[0].line, body))
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return out
 
 

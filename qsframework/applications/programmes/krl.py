@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from qsframework.applications.programmes.calls import Given, changing
-from qsframework.applications.programmes.names import AMBIGUOUS, GUIDED, Names, Track, guided, walked
+from qsframework.applications.programmes.names import AMBIGUOUS, GUIDED, Given, Names, Track, changing, guided, walked
 from qsframework.applications.programmes.poses import POSES, matrix
 from qsframework.applications.programmes.source import (
     NUMBER,
@@ -32,7 +31,7 @@ from qsframework.applications.programmes.source import (
     tokenise,
     variable,
 )
-from qsframework.errors import InputError, Problem
+from qsframework.errors import Problem, refuse
 from qsframework.plugin import Array
 
 GRAMMAR = re.compile(
@@ -96,8 +95,7 @@ def read(texts: Mapping[Path, str]) -> Parts:
         problems.append(
             Problem("holds points, and no .src says which the arm goes to", str(next(iter(texts))), hint=hint)
         )
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     names = Names(literal=literal, here=("$AXIS_ACT", "$POS_ACT", "$AXIS_INT"))
     data, code = _Data(_frames(lines)), [line for line in lines if line.remark is None]
     for line in code:

@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from qsframework.applications.programmes.calls import Given, changing
-from qsframework.applications.programmes.names import GUIDED, Names, Track, guided, walked
+from qsframework.applications.programmes.names import GUIDED, Given, Names, Track, changing, guided, walked
 from qsframework.applications.programmes.poses import quaternion_pose
 from qsframework.applications.programmes.source import (
     NUMBER,
