@@ -17,11 +17,12 @@ import numpy as np
 
 from qsframework.applications.inverse import TipPose, arm_length, joint_step, pose_error, rigid_jacobian, rigid_tip
 from qsframework.applications.options import Reference
+from qsframework.applications.programme import overloads
 from qsframework.applications.targets import Targets
 from qsframework.arguments import checked
 from qsframework.elastostatics import Model, actuator_torques, equilibrium, range_notes
 from qsframework.elastostatics.so3 import cross_matrix
-from qsframework.errors import InputError, NotConverged, Problem, some_of
+from qsframework.errors import InputError, NotConverged, Problem, refuse, some_of
 from qsframework.experiment import Experiment, Frame
 from qsframework.experiment.account import Account
 from qsframework.files import as_file
@@ -377,18 +378,12 @@ def _check_torques(experiment: Experiment, model: Model, x: Array, targets: Targ
     if robot.torque_limits is None or not experiment.constraints.load_capacity:
         return
     poses = Poses(targets.pendant, robot.controller.to_joints(targets.pendant), targets.wrench)
-    torque = np.abs(actuator_torques(model, poses, x))
-    problems = [
-        targets.problem(
-            int(i),
-            f"{robot.facts.joints[k]} cannot hold the load",
-            found=f"{torque[i, k]:.0f} {robot.facts.units[k].load}",
-            allowed=f"up to {robot.torque_limits[k]:.0f} {robot.facts.units[k].load}",
-        )
-        for i, k in zip(*np.nonzero(torque > robot.torque_limits), strict=True)
-    ]
-    if problems:
-        raise InputError(problems)
+    refuse(
+        [
+            targets.problem(i, f"{robot.facts.joints[k]} cannot hold the load", found=found, allowed=allowed)
+            for i, k, found, allowed in overloads(robot, np.abs(actuator_torques(model, poses, x)))
+        ]
+    )
 
 
 def _check_corrected(experiment: Experiment, targets: Targets, pendant: Array, deflection: Array, left: Array) -> None:
@@ -414,5 +409,4 @@ def _check_corrected(experiment: Experiment, targets: Targets, pendant: Array, d
             allowed = unit.between(*robot.controller.range_of(k))
             hint = f"Move the target by {moved[i, k] * unit.per:.3f} {unit.shown} or more from the limit."
             problems.append(targets.problem(i, message, found=found, allowed=allowed, hint=hint))
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
