@@ -64,6 +64,11 @@ class InverseSolution:
         return f"{self.away * 1e3:.1f} mm and {np.rad2deg(self.turned):.2f} deg away at the nearest"
 
 
+def poses_at(robot: Robot, pendant: Array, wrench: Array) -> Poses:
+    """Poses at N pendant values (N, n) under wrenches (N, 6)."""
+    return Poses(pendant, robot.controller.to_joints(pendant), wrench)
+
+
 def rigid_tip(robot: Robot, site: Site, q: Array) -> TipPose:
     """The load point at URDF joint angles (N, n), undeflected."""
     placed = joint_frames(robot.facts, q)
@@ -269,7 +274,7 @@ def _pointed(
         return error, size, jacobian
 
     pendant, _, size = newton_steps(robot, start, _NEWTON_STEPS, _NEAR, state)
-    poses = Poses(pendant, controller.to_joints(pendant), np.zeros((len(pendant), 6)))
+    poses = poses_at(robot, pendant, np.zeros((len(pendant), 6)))
     return pendant, (size < 1e3 * _NEAR) & (model.transmission_margin(poses) >= 0.0)
 
 
@@ -286,4 +291,4 @@ def standing(robot: Robot, model: Model, tool: ReachTool, path: TaskPath, where:
             for i in np.flatnonzero(~found.good).tolist()
         ]
         raise InputError(problems)
-    return Poses(found.pendant, robot.controller.to_joints(found.pendant), path.wrenches)
+    return poses_at(robot, found.pendant, path.wrenches)

@@ -16,8 +16,16 @@ from typing import Any
 
 import numpy as np
 
-from qsframework.applications.day.expected import Expected, expected
-from qsframework.applications.day.judge import LEVEL, Known, StateReading, StateVerdict, judge, known
+from qsframework.applications.day.judge import (
+    LEVEL,
+    Expected,
+    Known,
+    StateReading,
+    StateVerdict,
+    expected,
+    judge,
+    known,
+)
 from qsframework.applications.day.mistakes import Explanation, most_likely
 from qsframework.applications.day.record import (
     DOUBT,

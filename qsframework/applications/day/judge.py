@@ -1,4 +1,5 @@
-"""Is a reading as expected? Four questions to the markers of a state, each with its own yardstick.
+"""What every state of the day should read, and whether a reading is as expected: four questions to the markers of a
+state, each with its own yardstick.
 
 - Shape: markers of one link keep their distances.
 - Place: the first state of a visit is where the arm should be, in a frame that earlier visits give. The arm's own
@@ -13,19 +14,102 @@ the table is many times larger.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 import numpy.typing as npt
 
-from qsframework.applications.day.expected import Expected
 from qsframework.applications.day.record import Slot
+from qsframework.applications.importers.placing import motion_rows
+from qsframework.applications.inverse import poses_at
+from qsframework.applications.protocol import Protocol
+from qsframework.elastostatics import Model
 from qsframework.estimation.linear_fit import Whitened
 from qsframework.estimation.tails import chi2_sf, f_sf, normal_sf
+from qsframework.experiment import Experiment
 from qsframework.experiment.frames import Frame, procrustes
-from qsframework.plugin import Array
+from qsframework.plugin import Array, Poses
+from qsframework.robot.kinematics import joint_frames
+
+_SIGMA = 5e-5
+"""m: noise of a coordinate where the experiment states none."""
+_UNKNOWN = 0.5
+"""Share of its nominal value by which a spring may be off where no sd is stated."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Expected:
+    """The M markers of one link, that which carries most, at the N states of a day, base frame, m.
+
+    names: of these markers; those of other links are stored and not judged; at: place of each state; poses: of the N
+    states under their loads; place (N, M, 3): where the markers are; moved (N, M, 3): by how much the load moved them
+    there; slope (N, M, 3, p): its rates by the springs, whose sds are spread (p,); rotation (N, 3, 3): of the markers'
+    link; sigma, m: of a coordinate of a position; frames: series whose frame is known
+    """
+
+    experiment: Experiment
+    model: Model
+    protocol: Protocol
+    names: tuple[str, ...]
+    at: Mapping[Slot, int]
+    poses: Poses
+    place: Array
+    moved: Array
+    slope: Array
+    spread: Array
+    rotation: Array
+    sigma: float
+    frames: Mapping[str, Frame]
+
+    @property
+    def stated(self) -> Array:
+        """The markers (M, 3) m in their link's frame, as the experiment states them."""
+        return np.array([m.xyz for m in self.experiment.markers if m.name in self.names])
+
+    def standing(self, pendant: Array) -> Array:
+        """Where the markers are (N, M, 3) m at other angles (N, n) rad, without a load."""
+        all_ = self.model.positions(poses_at(self.experiment.robot, pendant, np.zeros((len(pendant), 6))))
+        return all_[:, [i for i, m in enumerate(self.experiment.markers) if m.name in self.names]]
+
+
+def expected(experiment: Experiment, protocol: Protocol) -> Expected:
+    """What the nominal arm would read at every state of a protocol."""
+    model = experiment.model()
+    slots = [Slot(v, k) for v, visit in enumerate(protocol.visits) for k in range(len(visit.states))]
+    pendant = np.stack([protocol.visits[s.visit].pendant for s in slots])
+    wrench = np.stack([protocol.visits[s.visit].states[s.state].wrench for s in slots])
+    _, one, where = np.unique(np.round(np.hstack([pendant, wrench]), 9), axis=0, return_index=True, return_inverse=True)
+    where = where.ravel()
+    poses = poses_at(experiment.robot, pendant[one], wrench[one])
+    names = experiment.spring_names()
+    place = model.positions(poses, loaded=True)
+    moved = place - model.positions(replace(poses, wrench=np.zeros_like(poses.wrench)))
+    slope = model.sensitivity(poses, None, names) if names else np.zeros((*place.shape, 0))
+    parameters = [model.parameters[i] for i in model.index(names)]
+    spread = np.array([p.sd or _UNKNOWN * abs(p.nominal) or p.typical for p in parameters])
+    links = [m.link for m in experiment.markers]
+    carrier = max(dict.fromkeys(links), key=links.count)
+    own = [i for i, name in enumerate(links) if name == carrier]
+    link = experiment.site(carrier, np.zeros(3)).link
+    rotation = joint_frames(model.facts, poses.q).matrix(link)
+    return Expected(
+        experiment=experiment,
+        model=model,
+        protocol=protocol,
+        names=tuple(experiment.markers[i].name for i in own),
+        at={s: i for i, s in enumerate(slots)},
+        poses=poses_at(experiment.robot, pendant, wrench),
+        place=place[where][:, own],
+        moved=moved[where][:, own],
+        slope=slope[where][:, own],
+        spread=spread,
+        rotation=np.asarray(rotation)[where],
+        sigma=experiment.noise.position or experiment.noise.sigma or _SIGMA,
+        frames={f.series: f for f in experiment.frames},
+    )
+
 
 Flags = npt.NDArray[np.bool_]
 LEVEL = 1e-5
@@ -172,23 +256,15 @@ def _spread(points: Array) -> bool:
     return len(points) >= 3 and float(np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[1]) > _FLAT
 
 
-def _twist(points: Array, about: Array) -> Array:
-    """What a motion and a turn (6,) do to points (M, 3): (3 M, 6)."""
-    x, y, z = (points - about).T
-    zero = np.zeros_like(x)
-    turn = np.stack([[zero, z, -y], [-z, zero, x], [y, -x, zero]]).transpose(2, 0, 1)
-    return np.concatenate([np.tile(np.eye(3), (len(points), 1, 1)), turn], axis=2).reshape(-1, 6)
-
-
 def _rows(known: Known, state: StateReading, frame: Frame, place: Array) -> tuple[Array, Array]:
     """Columns (3 m, 12) of frame and carrier, and of the visit's own motion (3 m, 6), of the markers that were read."""
     e, i = known.expected, known.expected.at[state.slot]
     there, centre = frame.apply(place), frame.apply(place.mean(axis=0)[None])[0]
-    own = _twist(there, centre)
+    own = motion_rows(there - centre)
     turned = frame.rotation @ e.rotation[i]
     carrier = np.concatenate([own[:, :3] @ turned, own[:, 3:] @ turned], axis=1)
     rows = np.repeat(state.read, 3)
-    return np.concatenate([_twist(there, frame.origin), carrier], axis=1)[rows], own[rows]
+    return np.concatenate([motion_rows(there - frame.origin), carrier], axis=1)[rows], own[rows]
 
 
 def _frame(known: Known, series: str) -> _Placed | None:
@@ -355,7 +431,7 @@ def _check_repeat(known: Known, state: StateReading, shift: Array | None) -> Che
     r: Array = there - np.asarray(np.nanmean([s.xyz[rows] for s in before], axis=0), dtype=np.float64)
     if shift is not None and state.series in known.placed:
         r = r - shift[rows] @ known.placed[state.series].frame.rotation.T
-    own = _twist(there, there.mean(axis=0)) * _AGAIN
+    own = motion_rows(there - there.mean(axis=0)) * _AGAIN
     S = own @ own.T + 2.0 * e.sigma**2 * np.eye(3 * len(there))
     square = float(r.ravel() @ np.linalg.solve(S, r.ravel()))
     return Check("repeat", float(chi2_sf(square, r.size)), float(np.sqrt(3.0 * np.mean(r**2))))

@@ -29,7 +29,6 @@ from qsframework.applications.importers.matching import (
     read_points,
     without_idle_names,
 )
-from qsframework.applications.importers.names import plain
 from qsframework.applications.importers.placing import (
     Aligned,
     Placed,
@@ -48,6 +47,7 @@ from qsframework.applications.importers.tables import (
     interpret,
     stated_units,
 )
+from qsframework.applications.importers.vocabulary import plain
 from qsframework.applications.importers.writing import own_rows, readings_rows
 from qsframework.applications.options import ImportOptions
 from qsframework.arguments import checked
@@ -237,13 +237,15 @@ class _Import:
         if any(names_of(self.log, campaign, self.options.names)):
             return "names"
         message = "nothing says how the rows of this joint log belong to the points: it names no pose"
-        hint, argument = "State it: in their order, or by the time of every point.", ("join", "order")
+        hint = "State it: in their order, or by the time of every point."
+        argument = ("join", "order")
         raise InputError(self.log.sheet.problem(None, message, hint=hint, argument=argument))
 
     def _no_angles(self) -> Problem:
         """Nothing says the angles; where as many columns speak of joints as there are, these are proposed."""
         where = ", ".join(li.sheet.where for li in self.lists)
-        message, hint = "nothing says at which angles the points were read", "Give a plan, or a joint log."
+        message = "nothing says at which angles the points were read"
+        hint = "Give a plan, or a joint log."
         argument = ("plan", "plan.csv")
         named = [name for name in self.lists[0].left if re.search("joint|wrist|elbow", name.lower())]
         if len(named) == self.joints:
@@ -319,7 +321,8 @@ class _Import:
             members = _with_unit(points[i] for i in rows)
             if series not in frames:
                 named = f" of series {series!r}" if series else ""
-                message, argument = f"the nearest prediction needs the tracker's frame{named}", ("align", "known.csv")
+                message = f"the nearest prediction needs the tracker's frame{named}"
+                argument = ("align", "known.csv")
                 hint = "Give known points in the base frame, or state frames: in the experiment and name the series."
                 raise InputError(Problem(message, str(self.experiment.path), hint=hint, argument=argument))
             out += match_nearest(members, campaign, self.experiment, frames[series], self.options.within)
@@ -331,7 +334,8 @@ class _Import:
             return np.stack([campaign.poses[p.taken.pose] for p in points])
         if how == "names":
             poses = poses_of(self.log, logged, self.joints)
-            message, lost = "the joint log has no row of this pose", [p for p in points if p.taken.pose not in poses]
+            message = "the joint log has no row of this pose"
+            lost = [p for p in points if p.taken.pose not in poses]
             refuse([p.problem(message, found=p.taken.pose) for p in lost])
             pendant = np.stack([poses[p.taken.pose] for p in points])
         else:

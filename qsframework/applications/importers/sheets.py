@@ -158,7 +158,8 @@ def _workbook(path: Path, sheet: str, ignore: Sequence[str]) -> Sheet:
         raise InputError(Problem("is an empty workbook", str(path)))
     name = sheet or next(iter(filled))
     if not sheet and len(filled) > 1:
-        message, argument = "holds several sheets, and nothing says which one is meant", ("sheet", f"'{name}'")
+        message = "holds several sheets, and nothing says which one is meant"
+        argument = ("sheet", f"'{name}'")
         raise InputError(Problem(message, str(path), found=names, hint="State one of them.", argument=argument))
     width = max(len(r.cells) for r in filled[name])
     rows = [SheetRow(r.line, (*r.cells, *("",) * (width - len(r.cells)) * (len(r.cells) > 1))) for r in filled[name]]
@@ -276,7 +277,8 @@ def _values(path: Path, text: str) -> Iterator[tuple[int, object]]:
         try:
             value, end = decoder.raw_decode(text, last)
         except (ValueError, RecursionError) as error:
-            found, hint = repr(text[last : last + 60]), "Export one object a line, or one list of objects."
+            found = repr(text[last : last + 60])
+            hint = "Export one object a line, or one list of objects."
             raise InputError(Problem("is no JSON", str(path), line, found=found, hint=hint)) from error
         yield line, value
         at = _BETWEEN.match(text, end)
