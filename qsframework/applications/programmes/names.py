@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
@@ -181,8 +181,7 @@ class Track:
 
     def back(self) -> None:
         """What was said since the last beginning holds no more."""
-        if self._open:
-            self.now = self._open.pop()[0]
+        self.now = self._open.pop()[0] if self._open else self.now
 
     def reset(self, routine: str = "") -> None:
         """Another routine begins, of whose tool and frame nothing is known."""
@@ -196,8 +195,8 @@ class Track:
 
     def _leave(self, routine: str, ends: Mapping[str, str]) -> None:
         """What a routine has set at its end, where it has done so before every return."""
-        own = {k: v if all(way.get(k) == v for way in self._returns) else AMBIGUOUS for k, v in ends.items()}
-        self.leaves[routine] = own
+        certain = {k: v for k, v in ends.items() if all(way.get(k) == v for way in self._returns)}
+        self.leaves[routine] = dict.fromkeys(ends, AMBIGUOUS) | certain
         self._returns = []
 
     def call(self, routine: str, certain: bool = True) -> None:
@@ -232,7 +231,7 @@ def guided(here: Mapping[str, str]) -> str:
     return "on one of the ways there its path is shifted when it runs" if said == AMBIGUOUS else said
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Given:
     """A variable that a routine is given: in which statement and routine, as which of the arguments (by its number
     from 0, or by its name); caller: the routine's name as the programme writes it, as variable is."""
@@ -242,11 +241,6 @@ class Given:
     caller: Token
     place: int | str
     variable: str
-
-    @property
-    def routine(self) -> str:
-        """Its folded name."""
-        return self.caller.text.upper()
 
 
 def changing(
@@ -263,21 +257,16 @@ def changing(
         assigned: routines, and folded names of variables that they assign.
         reads: names of routines of the language that only read.
     """
-    changed, count, found = set(assigned), -1, list[Given]()
+    changed, count, out = set(assigned), -1, list[Given]()
+
+    def may_change(routine: str, place: int | str) -> bool:
+        if routine not in routines:
+            return reads.fullmatch(routine) is None
+        name = routines[routine].get(place)
+        return name is None or (routine, name) in changed
+
     while count != len(changed):
         count = len(changed)
-        found = [g for g in given if _may_change(g, routines, changed, reads)]
-        changed |= {(g.within, g.variable.partition("[")[0].partition("{")[0].upper()) for g in found}
-    return found
-
-
-def _may_change(
-    given: Given,
-    routines: Mapping[str, Mapping[int | str, str]],
-    changed: Collection[tuple[str, str]],
-    reads: re.Pattern[str],
-) -> bool:
-    if given.routine not in routines:
-        return reads.fullmatch(given.routine) is None
-    name = routines[given.routine].get(given.place)
-    return name is None or (given.routine, name) in changed
+        out = [g for g in given if may_change(g.caller.text.upper(), g.place)]
+        changed |= {(g.within, re.split(r"[\[{]", g.variable)[0].upper()) for g in out}
+    return out

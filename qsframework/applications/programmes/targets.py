@@ -219,7 +219,8 @@ def _check_robot(path: Path, source: Source, experiment: Experiment) -> None:
     """InputError for a programme of another maker's controller, and for an arm with a joint that slides."""
     maker, own = maker_of(experiment.robot.title), _TITLES[source.maker]
     if maker not in (None, own):
-        message, hint = f"is a programme for controllers by {own}", "Name the experiment of the robot that it runs on."
+        message = f"is a programme for controllers by {own}"
+        hint = "Name the experiment of the robot that it runs on."
         raise InputError(Problem(message, str(path), found=experiment.robot.title, hint=hint))
     if any(experiment.robot.facts.sliding):
         message = "programmes are corrected of arms whose joints all turn only so far"
@@ -332,7 +333,8 @@ def _outside(case: _Case, point: ProgrammePoint) -> Iterator[Problem]:
     pendant, argument = case.angles(point), ("keep", f"'{point.name}'")
     for k in map(int, np.flatnonzero(controller.outside(pendant[None])[0])):
         low, high = np.rad2deg([controller.lower[k], controller.upper[k]])
-        message, found = f"{point.name}: {case.names[k]} is outside its limits", f"{np.rad2deg(pendant[k]):g} deg"
+        message = f"{point.name}: {case.names[k]} is outside its limits"
+        found = f"{np.rad2deg(pendant[k]):g} deg"
         yield Problem(message, *here, found=found, allowed=f"{low:g} to {high:g} deg", argument=argument)
 
 
@@ -343,7 +345,8 @@ def _heavy(point: ProgrammePoint, wrench: Array, experiment: Experiment) -> Prob
     force, most = float(np.linalg.norm(wrench[:3])), robot.payload * float(np.linalg.norm(robot.gravity))
     if force <= most:
         return None
-    message, found = f"{point.name}: the force is more than the robot's payload", f"{force:.0f} N"
+    message = f"{point.name}: the force is more than the robot's payload"
+    found = f"{force:.0f} N"
     return Problem(message, str(point.path), point.line, found=found, allowed=f"{robot.payload:g} kg, {most:.0f} N")
 
 
