@@ -15,7 +15,15 @@ from typing import Any
 
 import numpy as np
 
-from qsframework.applications.inverse import TipPose, arm_length, joint_step, pose_error, rigid_jacobian, rigid_tip
+from qsframework.applications.inverse import (
+    TipPose,
+    arm_length,
+    joint_step,
+    pose_error,
+    poses_at,
+    rigid_jacobian,
+    rigid_tip,
+)
 from qsframework.applications.options import Reference
 from qsframework.applications.programme import overloads
 from qsframework.applications.targets import Targets
@@ -173,7 +181,7 @@ def compensate(
     pendant, deflection, left, covariance, noise, in_base, open_ = (np.concatenate(a) for a in zip(*parts, strict=True))
     _check_corrected(experiment, targets, pendant, deflection, left)
     command = rigid_tip(experiment.robot, experiment.load_site, experiment.robot.controller.to_joints(pendant))
-    stood = Poses(pendant, experiment.robot.controller.to_joints(pendant), targets.wrench)
+    stood = poses_at(experiment.robot, pendant, targets.wrench)
     exact, absorbed = _not_counted(experiment, fit, open_)
     framed = _series(fit) is not None and reference == "commanded"
     base_sd = _distance(in_base) if framed and not absorbed else None
@@ -260,7 +268,7 @@ def _block(
     wrench, start = targets.wrench[part], targets.pendant[part]
 
     def stand(pendant: Array, values: Array, loaded: bool = True) -> TipPose:
-        return _tip(model, Poses(pendant, robot.controller.to_joints(pendant), wrench), values, loaded, targets, part)
+        return _tip(model, poses_at(robot, pendant, wrench), values, loaded, targets, part)
 
     wanted = targets.wanted.take(part) if reference == "commanded" else stand(start, x, False)
     length, matrix = arm_length(robot), robot.controller.matrix
@@ -363,7 +371,7 @@ def _check_gives(experiment: Experiment, x: Array, targets: Targets) -> None:
     if not len(acts):
         return
     pendant = targets.pendant[acts]
-    poses = Poses(pendant, experiment.robot.controller.to_joints(pendant), targets.wrench[acts])
+    poses = poses_at(experiment.robot, pendant, targets.wrench[acts])
     loaded, bare = (_tip(experiment.model(), poses, x, state, targets, acts) for state in (True, False))
     if np.abs(pose_error(loaded, bare)).max() > _NOTHING:
         return
@@ -377,7 +385,7 @@ def _check_torques(experiment: Experiment, model: Model, x: Array, targets: Targ
     robot = experiment.robot
     if robot.torque_limits is None or not experiment.constraints.load_capacity:
         return
-    poses = Poses(targets.pendant, robot.controller.to_joints(targets.pendant), targets.wrench)
+    poses = poses_at(robot, targets.pendant, targets.wrench)
     refuse(
         [
             targets.problem(i, f"{robot.facts.joints[k]} cannot hold the load", found=found, allowed=allowed)

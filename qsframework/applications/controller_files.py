@@ -47,7 +47,8 @@ def axis_names(count: int, external: Sequence[int], letter: str, most: int = MOS
     beside = [k for k in range(count) if k in external]
     if len(arm) > most or len(beside) > MOST:
         hint = "Say `external: true` in robot.yaml, controller, at each joint that the controller shows as E1, E2, ..."
-        found, allowed = f"{len(arm)} axes of the arm and {len(beside)} external ones", f"up to {most} and {MOST}"
+        found = f"{len(arm)} axes of the arm and {len(beside)} external ones"
+        allowed = f"up to {most} and {MOST}"
         raise InputError(Problem("more axes than the format holds", found=found, allowed=allowed, hint=hint))
     names = {k: f"{letter}{i}" for i, k in enumerate(arm, start=1)} | {
         k: f"E{i}" for i, k in enumerate(beside, start=1)

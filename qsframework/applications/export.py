@@ -46,7 +46,8 @@ def written(programme: Programme, to: str, path: Path) -> dict[Path, str]:
     """The files of a format and their texts. InputError as of `export`."""
     check_format(programme, to)
     names = dict.fromkeys(m.pose for m in programme.moves if m.measured and not _NAME.fullmatch(m.pose))
-    allowed, hint = "1 to 16 letters, digits and _ . + -", "Name it so in the plan's column pose."
+    allowed = "1 to 16 letters, digits and _ . + -"
+    hint = "Name it so in the plan's column pose."
     message = "the controller cannot hold this name"
     refuse([Problem(f"pose {name!r}: {message}", allowed=allowed, hint=hint) for name in names])
     programme = _with_frames(programme, to)

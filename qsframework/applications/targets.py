@@ -209,7 +209,8 @@ def _capacity(table: Table, wrench: Array, experiment: Experiment) -> list[Probl
         return []
     force, most = np.linalg.norm(wrench[:, :3], axis=1), robot.payload * float(np.linalg.norm(robot.gravity))
     hint = "A load meant to be heavier needs constraints: {load_capacity: false} in the experiment."
-    message, allowed = "the force is more than the robot's payload", f"{robot.payload:g} kg, {most:.0f} N"
+    message = "the force is more than the robot's payload"
+    allowed = f"{robot.payload:g} kg, {most:.0f} N"
     rows = np.flatnonzero(force > most)
     return [table.problem(i, "fx", message, f"{force[i]:.0f} N", allowed, hint) for i in map(int, rows)]
 
