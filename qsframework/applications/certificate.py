@@ -266,54 +266,36 @@ def _budget(
     _, J = rows.rates(model, x, fitted_frames(fit, rows, model, x), [*names, *(h.name for h in held)], fit.linear)
     J = np.where(rows.mask[..., None], J, 0.0)
     slope = np.zeros((*J.shape[:2], len(fit.names)))
-    for k, name in enumerate([*(m for f in rows.estimated for m in _motions(rows.readings.frames[f])), *names]):
+    frames = [Frame(rows.readings.frames[f], np.eye(3), np.zeros(3)) for f in rows.estimated]
+    for k, name in enumerate([*(p.name for frame in frames for p in frame.parameters()), *names]):
         if name in fit.names:
             slope[..., fit.names.index(name)] = J[..., k]
 
-    def seen(C: Array) -> float:
+    def standard(C: Array) -> float:
         return float(np.sqrt(max(float(np.einsum("rap,pq,raq->r", slope, np.nan_to_num(C), slope).mean()), 0.0)))
 
-    shares = [Share("parameters", seen(fit.covariance))]
+    shares = [Share("parameters", standard(fit.covariance))]
     if held:
         wrong = slope @ np.stack([h.moved for h in held], axis=1) - J[..., J.shape[-1] - len(held) :]
         each = (wrong * [h.sd for h in held]) ** 2
         shares.append(Share("held", float(np.sqrt(each.sum(axis=(1, 2)).mean()))))
     if fit.total_covariance is not None:
-        shares.append(Share("load", seen(fit.total_covariance - fit.covariance)))
+        shares.append(Share("load", standard(fit.total_covariance - fit.covariance)))
     if rows.readings.repeatability:
         shares.append(Share("repeatability", float(np.sqrt(3.0)) * rows.readings.repeatability))
-    instrument = _instrument(meta, rows)
-    if instrument is not None:
-        shares.append(Share("instrument", instrument))
-    return (*shares, Share("model", _beyond(shares, found, len(rows.at), len(fit.names))))
-
-
-def _beyond(shares: Sequence[Share], found: Validation, coordinates: int, parameters: int) -> float:
-    """What the held-out error has beyond the other sources, m; 0 where that is within what chance makes of them.
-
-    A fit to half of the readings has twice the variance of the whole one.
-    """
+    # the instrument's part of one reading is what somebody stated: residuals hold more than the instrument
+    if meta.instrument.uncertainty is not None:
+        shares.append(Share("instrument", meta.instrument.uncertainty / COVERAGE))
+    elif rows.readings.stated:
+        mean_square = (np.where(rows.mask, rows.sigma, 0.0) ** 2).sum(axis=1).mean()
+        shares.append(Share("instrument", float(np.sqrt(mean_square))))
+    # the model's part is what the held-out error has beyond the others; 0 where that is within what chance makes of it
     squares = {s.source: s.standard**2 for s in shares}
-    of_fit = squares["parameters"] * (2.0 if found.halves else 1.0)
+    of_fit = squares["parameters"] * (2.0 if found.halves else 1.0)  # a fit to half of the readings has twice as much
     error = float(np.mean(found.whole.distances() ** 2))
     rest = error - sum(squares.values()) + squares["parameters"] - of_fit
-    chance = np.hypot(error * np.sqrt(2.0 / coordinates), of_fit * np.sqrt(2.0 / parameters))
-    return float(np.sqrt(rest)) if rest > COVERAGE * chance else 0.0
-
-
-def _instrument(meta: MetaSpec, rows: ReadingRows) -> float | None:
-    """Standard uncertainty, m, of one reading in space, as somebody stated it: residuals hold more than the
-    instrument."""
-    if meta.instrument.uncertainty is not None:
-        return meta.instrument.uncertainty / COVERAGE
-    if not rows.readings.stated:
-        return None
-    return float(np.sqrt((np.where(rows.mask, rows.sigma, 0.0) ** 2).sum(axis=1).mean()))
-
-
-def _motions(series: str) -> tuple[str, ...]:
-    """Names of the six motions of a series' frame."""
-    return tuple(p.name for p in Frame(series, np.eye(3), np.zeros(3)).parameters())
+    chance = np.hypot(error * np.sqrt(2.0 / len(rows.at)), of_fit * np.sqrt(2.0 / len(fit.names)))
+    return (*shares, Share("model", float(np.sqrt(rest)) if rest > COVERAGE * chance else 0.0))
 
 
 def _arrivals(experiment: Experiment, fit: FitRecord, rows: ReadingRows) -> tuple[Arrivals, ...]:

@@ -5,7 +5,7 @@ The tracker's frame does not matter: all is said of differences of positions of 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from qsframework.applications.protocol import floor_file
 from qsframework.errors import refuse
 from qsframework.estimation.tails import chi2_sf
 from qsframework.experiment import Experiment, Readings, differences
@@ -52,38 +53,38 @@ def check_states(experiment: Experiment, states: Readings) -> tuple[ClosureCheck
         differences(states, experiment)
     elif not has_pairs(states):
         return ()
-    table = _Positions(experiment, states)
-    floor = None if states.source is None else states.source.with_name(f"{states.source.stem}_floor.csv")
-    found = [_repeatability(table), _closure(table), *_hysteresis(table), _linearity(table), _drives(states)]
-    if floor is None:
-        return tuple(found)
-    missing = ClosureCheck("floor", None, f"no {floor.name} beside the readings, with the reflectors on the floor", {})
-    return (*found, _floor(experiment, floor, table.sigma) if floor.is_file() else missing)
+    table = _Positions(states)
+    hysteresis = [_hysteresis(table, "first cycle", later=False), _hysteresis(table, "later cycles", later=True)]
+    checks = [_repeatability(table), _closure(table), *filter(None, hysteresis), _linearity(table), _drives(states)]
+    return (*checks, *([] if states.source is None else [_floor(experiment, floor_file(states.source), table.sigma)]))
 
 
 _Visit = tuple[str, str, int, int]
 """Pose, series, repeat and cycle."""
+_Load = tuple[str, str, int, int, str]
+"""The same, and the load."""
 
 
 class _Positions:
     """Positions by (pose, series, repeat, cycle, load) and marker, in the order of the file; masked rows left out."""
 
-    def __init__(self, experiment: Experiment, states: Readings) -> None:
-        own = states.sigma[states.use]
-        self.sigma = float(np.sqrt(np.mean(own**2))) if states.stated or len(np.unique(own)) > 1 else None
+    def __init__(self, readings: Readings) -> None:
+        sigma, states = readings.sigma[readings.use], readings.states
+        stated = readings.stated or len(np.unique(sigma)) > 1
+        self.sigma = float(np.sqrt(np.mean(sigma**2))) if stated else None
         self.unloaded: dict[_Visit, dict[int, Array]] = {}
-        self.loaded: dict[tuple[str, str, int, int, str], dict[int, Array]] = {}
-        self.wrench: dict[tuple[str, str, int, int, str], Array] = {}
-        for i in np.flatnonzero(states.use).tolist():
-            m, own = int(states.plus[i]), states.states
-            key = (own.pose[m], own.series[m], int(own.repeat[m]), int(own.cycle[m]))
-            if own.loaded[m]:
-                self.loaded.setdefault((*key, own.load_id[m]), {})[int(states.marker[i])] = states.value[i]
-                self.wrench[*key, own.load_id[m]] = own.poses.wrench[m]
-            elif not own.load_id[m]:
-                self.unloaded.setdefault(key, {})[int(states.marker[i])] = states.value[i]
+        self.loaded: dict[_Load, dict[int, Array]] = {}
+        self.wrench: dict[_Load, Array] = {}
+        for i in np.flatnonzero(readings.use).tolist():
+            m, marker = int(readings.plus[i]), int(readings.marker[i])
+            key = (states.pose[m], states.series[m], int(states.repeat[m]), int(states.cycle[m]))
+            if states.loaded[m]:
+                self.loaded.setdefault((*key, states.load_id[m]), {})[marker] = readings.value[i]
+                self.wrench[*key, states.load_id[m]] = states.poses.wrench[m]
+            elif not states.load_id[m]:
+                self.unloaded.setdefault(key, {})[marker] = readings.value[i]
 
-    def moved(self) -> Iterable[tuple[tuple[str, str, int, int, str], int, Array]]:
+    def displacements(self) -> Iterable[tuple[_Load, int, Array]]:
         """Displacement of every marker that was read in both states of a cycle."""
         for key, markers in self.loaded.items():
             before = self.unloaded.get(key[:4], {})
@@ -91,20 +92,20 @@ class _Positions:
                 if marker in before:
                     yield key, marker, place - before[marker]
 
-    def expected(self, variance: float) -> str:
+    def expected(self, variances: float) -> str:
         """The stated noise of a difference that holds so many variances of one position, in words."""
         if self.sigma is None:
             return "no noise is stated"
-        return f"the noise alone gives {_mm(np.sqrt(variance) * self.sigma)}"
+        return f"the noise alone gives {_mm(np.sqrt(variances) * self.sigma)}"
 
 
 def _mm(value: float) -> str:
     return f"{value * 1e3:.4f} mm"
 
 
-def _larger(squares: float, count: int, variance: float | None) -> bool:
-    """Whether a sum of squares is larger than chance allows, with `count` degrees of freedom."""
-    return variance is not None and count > 0 and float(chi2_sf(squares / variance, count)) < LEVEL
+def _larger(squares: float, count: int, sigma: float | None, variances: float = 1.0) -> bool:
+    """Whether a sum of squares is larger than chance allows, with `count` degrees of freedom of so many variances."""
+    return sigma is not None and count > 0 and float(chi2_sf(squares / (variances * sigma**2), count)) < LEVEL
 
 
 def _spread(values: dict[Any, list[Array]]) -> tuple[float, int]:
@@ -120,18 +121,15 @@ def _spread(values: dict[Any, list[Array]]) -> tuple[float, int]:
 def _repeatability(table: _Positions) -> ClosureCheck:
     """Displacements of the same pose and load: between cycles of a visit, and between visits."""
     cycles: dict[Any, list[Array]] = {}
-    for (pose, series, repeat, _, load), marker, d in table.moved():
+    for (pose, series, repeat, _, load), marker, d in table.displacements():
         cycles.setdefault((pose, series, load, marker, repeat), []).append(d)
     between: dict[Any, list[Array]] = {}
-    counts: dict[Any, list[int]] = {}
     for key, group in cycles.items():
         between.setdefault(key[:4], []).append(np.mean(group, axis=0))
-        counts.setdefault(key[:4], []).append(len(group))
-    each = int(np.median([c for group in counts.values() for c in group])) if counts else 1
+    each = int(np.median([len(group) for group in cycles.values()])) if cycles else 1
     within, visits = _spread(cycles), _spread(between)
     if not within[1] and not visits[1]:
         return ClosureCheck("repeatability", None, "no displacement was measured twice; plan 20 % repeats", {})
-    variance = None if table.sigma is None else 2.0 * table.sigma**2
     good = True
     numbers: dict[str, float] = {}
     parts: list[str] = []
@@ -142,7 +140,7 @@ def _repeatability(table: _Positions) -> ClosureCheck:
         sd = float(np.sqrt(squares / count))
         numbers[f"sd_mm between {name}"] = sd * 1e3
         parts.append(f"between {name} {_mm(sd)} per axis ({count} degrees of freedom; {table.expected(2.0 * share)})")
-        good &= not _larger(squares, count, None if variance is None else share * variance)
+        good &= not _larger(squares, count, table.sigma, 2.0 * share)
     advice = (
         "" if good else ". More than the noise: settle longer, check reflectors and mounts, or state a larger noise"
     )
@@ -176,10 +174,9 @@ def _closure(table: _Positions) -> ClosureCheck:
     for key, markers in table.unloaded.items():
         for marker, place in markers.items():
             stands.setdefault((*key[:3], marker), []).append(place)
-    squares, count = _spread(stands)
     worst = int(np.argmax(np.linalg.norm(shifts, axis=1)))
     (pose, _, repeat, cycle), largest = returns[worst][0], float(np.linalg.norm(shifts[worst]))
-    good = not _larger(squares, count, None if table.sigma is None else table.sigma**2)
+    good = not _larger(*_spread(stands), table.sigma)
     words = (
         f"after unloading the markers stand {_mm(rms)} per axis (RMS) from where they stood before "
         f"({table.expected(2.0)}); most, {_mm(largest)}, at pose {pose}, repeat {repeat}, cycle {cycle}"
@@ -189,28 +186,17 @@ def _closure(table: _Positions) -> ClosureCheck:
     return ClosureCheck("closure", good, words, {"rms_mm": rms * 1e3, "largest_mm": largest * 1e3})
 
 
-def _hysteresis(table: _Positions) -> list[ClosureCheck]:
-    """The part of the deflection that stays after unloading, for the first cycle and the later ones."""
-    out: list[ClosureCheck] = []
-    cycles: dict[str, Callable[[int], bool]] = {"first cycle": lambda c: c == 1, "later cycles": lambda c: c > 1}
-    for name, chosen in cycles.items():
-        check = _stays(table, name, chosen)
-        out += [] if check is None else [check]
-    return out
-
-
-def _stays(table: _Positions, name: str, chosen: Callable[[int], bool]) -> ClosureCheck | None:
-    along: list[float] = []
-    size: list[float] = []
-    for (_, _, _, cycle), _, shift, moved in _returns(table):
-        if chosen(cycle) and moved:
-            d = max(moved, key=lambda m: float(np.linalg.norm(m)))
+def _hysteresis(table: _Positions, name: str, later: bool) -> ClosureCheck | None:
+    """The part of the deflection that stays after unloading, for the first cycle or the later ones."""
+    pairs: list[tuple[float, float]] = []
+    for (_, _, _, cycle), _, shift, deflections in _returns(table):
+        if (cycle > 1) is later and deflections:
+            d = max(deflections, key=lambda m: float(np.linalg.norm(m)))
             length = float(np.linalg.norm(d))
-            along.append(float(shift @ d) / length)
-            size.append(length)
-    if len(size) < 2 or not np.any(size):
+            pairs.append((length, float(shift @ d) / length))
+    d, s = np.array(pairs).reshape(-1, 2).T
+    if len(d) < 2 or not np.any(d):
         return None
-    d, s = np.array(size), np.array(along)
     share = float(s @ d / (d @ d))
     spread = float(np.sum((s - share * d) ** 2) / (len(d) - 1))
     stated = 0.0 if table.sigma is None else 2.0 * table.sigma**2
@@ -224,38 +210,32 @@ def _stays(table: _Positions, name: str, chosen: Callable[[int], bool]) -> Closu
 
 def _linearity(table: _Positions) -> ClosureCheck:
     """Two sizes of one load at the same visit: does half the load give half the deflection?"""
-    residuals, weight, count = 0.0, 0.0, 0
-    products: list[float] = []
-    squares: list[float] = []
-    ratios: list[float] = []
+    rows: list[tuple[float, float, float, float, float]] = []
     by_visit: dict[Any, list[tuple[Array, Array]]] = {}
-    for key, marker, d in table.moved():
+    for key, marker, d in table.displacements():
         by_visit.setdefault((*key[:4], marker), []).append((table.wrench[key], d))
-    variance = None if table.sigma is None else table.sigma**2
     for loads in by_visit.values():
-        for (w, d), (v, e) in combinations(loads, 2):
-            (w, d), (v, e) = sorted(((w, d), (v, e)), key=lambda p: float(np.linalg.norm(p[0])))
+        for pair in combinations(loads, 2):
+            (w, d), (v, e) = sorted(pair, key=lambda p: float(np.linalg.norm(p[0])))
             ratio = float(np.linalg.norm(w) / np.linalg.norm(v))
             if ratio > _LEAST_RATIO or np.linalg.norm(w - ratio * v) > _PARALLEL * np.linalg.norm(v):
                 continue
-            should = ratio * e
-            products.append(float((d - should) @ should))
-            squares.append(float(should @ should))
-            residuals += float(np.sum((d - should) ** 2))
+            linear = ratio * e
+            square = float(linear @ linear)
             # the unloaded state is in both: d - r e = L1 - r L2 - (1 - r) U
-            weight += (1.0 + ratio**2 + (1.0 - ratio) ** 2) * float(should @ should)
-            ratios.append(ratio)
-            count += 1
-    if not count or not sum(squares):
+            weight = (1.0 + ratio**2 + (1.0 - ratio) ** 2) * square
+            rows.append((ratio, float((d - linear) @ linear), square, float(np.sum((d - linear) ** 2)), weight))
+    count = len(rows)
+    products, total, residuals, weight = map(float, np.array(rows).reshape(-1, 5)[:, 1:].sum(axis=0))
+    if not total:
         words = "not measured: no pose was read under two sizes of one load in the same cycle"
         return ClosureCheck("linearity", None, words, {})
-    total = sum(squares)
-    share = sum(products) / total
+    share = products / total
     scatter = max(residuals - share**2 * total, 0.0) / max(3 * count - 1, 1) / total
-    stated = 0.0 if variance is None else variance * weight / total**2
+    stated = 0.0 if table.sigma is None else table.sigma**2 * weight / total**2
     sd = float(np.sqrt(max(scatter, stated)))
     good = not (abs(share) > 3.3 * sd and abs(share) > _WORTH)
-    ratio = float(np.mean(ratios))
+    ratio = float(np.mean([row[0] for row in rows]))
     side = "more" if share > 0 else "less"
     words = (
         f"{100 * ratio:.0f} % of a load gives {abs(100 * share):.2f} ± {100 * sd:.2f} % {side} than "
@@ -281,6 +261,9 @@ def _drives(states: Readings) -> ClosureCheck:
 
 def _floor(experiment: Experiment, path: Path, sigma: float | None) -> ClosureCheck:
     """The reflectors on the floor against where they were first read."""
+    if not path.is_file():
+        words = f"no {path.name} beside the readings, with the reflectors on the floor"
+        return ClosureCheck("floor", None, words, {})
     columns = [
         Column("visit", "count", required=True),
         Column("pose", "text"),
@@ -292,24 +275,19 @@ def _floor(experiment: Experiment, path: Path, sigma: float | None) -> ClosureCh
     table = read_table(path, columns, experiment.robot.name)
     refuse(table.problems)
     place = table.columns(XYZ)
-    shifts: list[float] = []
-    where: list[str] = []
-    seen: dict[str, list[Array]] = {}
+    shifts: list[tuple[Array, str]] = []
+    by_reflector: dict[str, list[Array]] = {}
     for name, visit, p in zip(table.texts["reflector"], table.numbers["visit"], place, strict=True):
         if np.isfinite(p).all():
-            seen.setdefault(name, []).append(p)
-            if len(seen[name]) > 1:
-                shifts.append(p - seen[name][0])
-                where.append(f"{name}, visit {visit:.0f}")
+            places = by_reflector.setdefault(name, [])
+            shifts += [(p - places[0], f"{name}, visit {visit:.0f}")] if places else []
+            places.append(p)
     if not shifts:
         return ClosureCheck("floor", None, "no reflector on the floor was read twice", {})
-    size = np.linalg.norm(shifts, axis=1)
-    rms, worst = float(np.sqrt(np.mean(np.square(shifts)))), int(np.argmax(size))
-    squares, count = _spread(seen)
-    good = not _larger(squares, count, None if sigma is None else sigma**2)
-    words = (
-        f"reflectors on the floor moved by {_mm(rms)} per axis (RMS), most {_mm(float(size[worst]))}: {where[worst]}"
-    )
+    rms = float(np.sqrt(np.mean([np.square(shift) for shift, _ in shifts])))
+    largest, where = max(((float(np.linalg.norm(shift)), name) for shift, name in shifts), key=lambda s: s[0])
+    good = not _larger(*_spread(by_reflector), sigma)
+    words = f"reflectors on the floor moved by {_mm(rms)} per axis (RMS), most {_mm(largest)}: {where}"
     if not good:
         words += ". More than the noise: the tracker or its stand moved; start a new series there"
-    return ClosureCheck("floor", good, words, {"rms_mm": rms * 1e3, "largest_mm": float(size[worst]) * 1e3})
+    return ClosureCheck("floor", good, words, {"rms_mm": rms * 1e3, "largest_mm": largest * 1e3})

@@ -4,13 +4,13 @@ measured poses would tell its parameters."""
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from qsframework.applications.reach import Free, Reached, ReachTool, reach, tool_of
+from qsframework.applications.inverse import Free, Reached, ReachTool, poses_at, reach, tool_of
 from qsframework.applications.task import Task
 from qsframework.arguments import checked
 from qsframework.design import DesignOptions, design
@@ -148,55 +148,45 @@ def compare(
     tell = tell or (lambda label, done, total: None)
     out: list[Compared] = []
     tell("robots", 0, len(arms))
-    for found in run(_found, (tuple(arms), task, seed), range(len(arms)), work):
+    for values in run(_computed, (tuple(arms), task, seed), range(len(arms)), work):
         robot = arms[len(out)]
         parameters = campaign_of(robot, task, tool_of(robot, task.tool)).fit_parameters()
-        out.append(Compared(robot=robot, parameters=parameters, **found))
+        values["notes"] += tuple((notes or {}).get(robot.name, ()))
+        out.append(Compared(robot=robot, parameters=parameters, **values))
         tell("robots", len(out), len(arms))
-    more = notes or {}
-    return Comparison(task, tuple(replace(r, notes=(*r.notes, *more.get(r.robot.name, ()))) for r in out))
+    return Comparison(task, tuple(out))
 
 
-def _found(shared: tuple[tuple[Robot, ...], Task, int], k: int) -> dict[str, Any]:
-    """What is found of robot k: all of `Compared` but what the robot itself says."""
-    robots, task, seed = shared
-    found = _one(robots[k], task, seed)
-    return {name: value for name, value in vars(found).items() if name not in ("robot", "parameters")}
-
-
-def _one(robot: Robot, task: Task, seed: int) -> Compared:
+def _computed(shared: tuple[tuple[Robot, ...], Task, int], k: int) -> dict[str, Any]:
+    """All of `Compared` for robot k but what the robot itself says."""
+    robot, task, seed = shared[0][k], *shared[1:]
     tool = tool_of(robot, task.tool)
     experiment = campaign_of(robot, task, tool)
     model = tip_model(robot, tool)
     free = _free(robot, task)
     deflection, softest, touching, mapped = _map(robot, model, tool, task, seed, free)
-    found = reach(robot, model, tool, task.points, task.directions, seed, free)
-    pendant, reached = found.pendant, found.good
-    poses = Poses(pendant, robot.controller.to_joints(pendant), task.wrenches)
-    moved = np.full(len(pendant), np.nan)
-    moved[reached] = _deflections(model, poses.take(reached))
-    after = np.full(len(pendant), np.nan)
+    path = reach(robot, model, tool, task.points, task.directions, seed, free)
+    points = np.flatnonzero(path.good)
+    poses = poses_at(robot, path.pendant, task.wrenches).take(points)
+    moved, after = np.full((2, len(path.pendant)), np.nan)
+    moved[points] = _deflections(model, poses)
     sds = np.full(len(experiment.fit_names()), np.nan)
-    plan, campaign = _designed(experiment, task, poses.take(reached) if reached.any() else None, seed)
+    plan, campaign = _designed(experiment, task, poses if len(points) else None, seed)
     if plan is not None:
         sds = predicted_sd(experiment, plan)
-        after[reached] = _after(experiment, model, plan, poses.take(reached))
-    points = np.flatnonzero(reached)
-    beyond = range_notes(model, poses.take(reached), [f"point {i + 1} of the path" for i in points])
-    notes = (*_notes(robot, task, found, touching), *beyond, *mapped)
-    return Compared(
-        robot=robot,
-        deflection=deflection,
-        softest=softest,
-        pendant=frozen(pendant),
-        task=moved,
-        after=after,
-        parameters=experiment.fit_parameters(),
-        sds=sds,
-        campaign=campaign,
-        notes=notes,
-        touching=touching,
-    )
+        after[points] = _after(experiment, model, plan, poses)
+    beyond = range_notes(model, poses, [f"point {i + 1} of the path" for i in points])
+    return {
+        "deflection": deflection,
+        "softest": softest,
+        "pendant": frozen(path.pendant),
+        "task": moved,
+        "after": after,
+        "sds": sds,
+        "campaign": campaign,
+        "notes": (*_notes(robot, task, path, touching), *beyond, *mapped),
+        "touching": touching,
+    }
 
 
 def _free(robot: Robot, task: Task) -> Free:
@@ -245,7 +235,7 @@ def _map(
     found = reach(robot, model, tool, points, np.tile(task.map_direction, (len(x), 1)), seed, free)
     pendant, reached = found.pendant, found.good
     wrench = np.tile(np.concatenate([task.map_force, np.zeros(3)]), (len(x), 1))
-    poses = Poses(pendant, robot.controller.to_joints(pendant), wrench).take(reached)
+    poses = poses_at(robot, pendant, wrench).take(reached)
     deflection, softest = np.full(len(x), np.nan), np.full(len(x), np.nan)
     moved = _deflections(model, poses)
     stable = np.isfinite(moved)
@@ -329,12 +319,11 @@ def _notes(robot: Robot, task: Task, found: Reached, touching: int) -> tuple[str
         largest = max(float(np.linalg.norm(f)) for f in forces)
         if largest > most:
             notes.append(f"its payload, {robot.payload:g} kg, is less than the {largest:.0f} N of the task or campaign")
-    identified = dict.fromkeys(
-        p.source.removeprefix("identified: ") for p in robot.parameters if "identified: " in p.source
-    )
-    if identified:
-        notes.append(f"with identified values of {', '.join(identified)}")
-    assumed = dict.fromkeys(p.name.split("[")[0] for p in robot.parameters if p.source.startswith("assumed"))
-    if assumed:
+    sources = [p.source for p in robot.parameters if "identified: " in p.source]
+    if sources:
+        notes.append(
+            f"with identified values of {', '.join(dict.fromkeys(s.removeprefix('identified: ') for s in sources))}"
+        )
+    if assumed := dict.fromkeys(p.name.split("[")[0] for p in robot.parameters if p.source.startswith("assumed")):
         notes.append(f"values assumed, not measured: {', '.join(assumed)}; what is said of the robot is no better")
     return tuple(notes)

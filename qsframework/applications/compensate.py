@@ -15,13 +15,22 @@ from typing import Any
 
 import numpy as np
 
-from qsframework.applications.inverse import TipPose, arm_length, joint_step, pose_error, rigid_jacobian, rigid_tip
+from qsframework.applications.inverse import (
+    TipPose,
+    arm_length,
+    joint_step,
+    pose_error,
+    poses_at,
+    rigid_jacobian,
+    rigid_tip,
+)
 from qsframework.applications.options import Reference
+from qsframework.applications.programme import overloads
 from qsframework.applications.targets import Targets
 from qsframework.arguments import checked
 from qsframework.elastostatics import Model, actuator_torques, equilibrium, range_notes
 from qsframework.elastostatics.so3 import cross_matrix
-from qsframework.errors import InputError, NotConverged, Problem, some_of
+from qsframework.errors import InputError, NotConverged, Problem, refuse, some_of
 from qsframework.experiment import Experiment, Frame
 from qsframework.experiment.account import Account
 from qsframework.files import as_file
@@ -172,7 +181,7 @@ def compensate(
     pendant, deflection, left, covariance, noise, in_base, open_ = (np.concatenate(a) for a in zip(*parts, strict=True))
     _check_corrected(experiment, targets, pendant, deflection, left)
     command = rigid_tip(experiment.robot, experiment.load_site, experiment.robot.controller.to_joints(pendant))
-    stood = Poses(pendant, experiment.robot.controller.to_joints(pendant), targets.wrench)
+    stood = poses_at(experiment.robot, pendant, targets.wrench)
     exact, absorbed = _not_counted(experiment, fit, open_)
     framed = _series(fit) is not None and reference == "commanded"
     base_sd = _distance(in_base) if framed and not absorbed else None
@@ -259,7 +268,7 @@ def _block(
     wrench, start = targets.wrench[part], targets.pendant[part]
 
     def stand(pendant: Array, values: Array, loaded: bool = True) -> TipPose:
-        return _tip(model, Poses(pendant, robot.controller.to_joints(pendant), wrench), values, loaded, targets, part)
+        return _tip(model, poses_at(robot, pendant, wrench), values, loaded, targets, part)
 
     wanted = targets.wanted.take(part) if reference == "commanded" else stand(start, x, False)
     length, matrix = arm_length(robot), robot.controller.matrix
@@ -362,7 +371,7 @@ def _check_gives(experiment: Experiment, x: Array, targets: Targets) -> None:
     if not len(acts):
         return
     pendant = targets.pendant[acts]
-    poses = Poses(pendant, experiment.robot.controller.to_joints(pendant), targets.wrench[acts])
+    poses = poses_at(experiment.robot, pendant, targets.wrench[acts])
     loaded, bare = (_tip(experiment.model(), poses, x, state, targets, acts) for state in (True, False))
     if np.abs(pose_error(loaded, bare)).max() > _NOTHING:
         return
@@ -376,19 +385,13 @@ def _check_torques(experiment: Experiment, model: Model, x: Array, targets: Targ
     robot = experiment.robot
     if robot.torque_limits is None or not experiment.constraints.load_capacity:
         return
-    poses = Poses(targets.pendant, robot.controller.to_joints(targets.pendant), targets.wrench)
-    torque = np.abs(actuator_torques(model, poses, x))
-    problems = [
-        targets.problem(
-            int(i),
-            f"{robot.facts.joints[k]} cannot hold the load",
-            found=f"{torque[i, k]:.0f} {robot.facts.units[k].load}",
-            allowed=f"up to {robot.torque_limits[k]:.0f} {robot.facts.units[k].load}",
-        )
-        for i, k in zip(*np.nonzero(torque > robot.torque_limits), strict=True)
-    ]
-    if problems:
-        raise InputError(problems)
+    poses = poses_at(robot, targets.pendant, targets.wrench)
+    refuse(
+        [
+            targets.problem(i, f"{robot.facts.joints[k]} cannot hold the load", found=found, allowed=allowed)
+            for i, k, found, allowed in overloads(robot, np.abs(actuator_torques(model, poses, x)))
+        ]
+    )
 
 
 def _check_corrected(experiment: Experiment, targets: Targets, pendant: Array, deflection: Array, left: Array) -> None:
@@ -414,5 +417,4 @@ def _check_corrected(experiment: Experiment, targets: Targets, pendant: Array, d
             allowed = unit.between(*robot.controller.range_of(k))
             hint = f"Move the target by {moved[i, k] * unit.per:.3f} {unit.shown} or more from the limit."
             problems.append(targets.problem(i, message, found=found, allowed=allowed, hint=hint))
-    if problems:
-        raise InputError(problems)
+    refuse(problems)

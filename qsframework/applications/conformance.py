@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, get_args
+from typing import get_args
 
 import numpy as np
 
 from qsframework.applications.first_campaign import first_campaign
+from qsframework.applications.inverse import poses_at
 from qsframework.design import DesignOptions, design
 from qsframework.diagnose import diagnose
 from qsframework.diagnose.result import Verdict
@@ -52,7 +53,7 @@ class _Run:
     def poses(self, pendant: Array) -> Poses:
         """The pendant angles under the campaign's last load, which pulls to the side too."""
         wrench = np.tile(self.experiment.loads[-1].wrench, (len(pendant), 1))
-        return Poses(pendant, self.robot.controller.to_joints(pendant), wrench)
+        return poses_at(self.robot, pendant, wrench)
 
 
 def check_robot(robot: Robot | str | Path, seed: int = 0, progress: Progress | None = None) -> tuple[GravityCheck, ...]:
@@ -106,20 +107,13 @@ def _model(run: _Run) -> tuple[bool, str]:
     rigid = [n for n in names if not model.nominal[model.index([n])[0]] > 0.0]
     if rigid:
         return False, f"without a nominal value, so that the simulated arm is rigid there: {', '.join(rigid)}"
-    site = experiment.with_(markers=_at_load(experiment))
-    moved = site.model().predict(poses)[:, 0]
-    work = np.einsum("ij,ij->i", moved, poses.wrench[:, :3])
-    size = 1e3 * float(np.median(np.linalg.norm(moved, axis=1)))
+    load_point = replace(experiment.markers[0], name="load", xyz=experiment.load_point)
+    deflection = experiment.with_(markers=(load_point,)).model().predict(poses)[:, 0]
+    work = np.einsum("ij,ij->i", deflection, poses.wrench[:, :3])
+    size = 1e3 * float(np.median(np.linalg.norm(deflection, axis=1)))
     against = int((work <= 0.0).sum())
     way = "always along the load" if not against else f"but not along the load at {against} of {len(work)} poses"
     return not against, f"the load point gives by {size:.2g} mm (median), {way}"
-
-
-def _at_load(experiment: Experiment) -> tuple[Any, ...]:
-    """One marker where the load acts."""
-    from dataclasses import replace
-
-    return (replace(experiment.markers[0], name="load", xyz=experiment.load_point),)
 
 
 def _derivatives(run: _Run) -> tuple[bool, str]:

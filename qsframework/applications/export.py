@@ -6,11 +6,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
-from qsframework.applications.controller_names import maker_of
-from qsframework.applications.export_fanuc import write_fanuc
-from qsframework.applications.export_krl import write_krl
-from qsframework.applications.export_rapid import write_rapid
-from qsframework.applications.export_urscript import write_urscript
+from qsframework.applications.controller_files import maker_of, write_fanuc, write_krl, write_rapid, write_urscript
 from qsframework.applications.programme import Programme
 from qsframework.arguments import checked
 from qsframework.errors import InputError, Problem, nearest, refuse
@@ -49,7 +45,11 @@ def export(programme: Programme, to: str, path: str | Path) -> tuple[Path, ...]:
 def written(programme: Programme, to: str, path: Path) -> dict[Path, str]:
     """The files of a format and their texts. InputError as of `export`."""
     check_format(programme, to)
-    _check_names(programme)
+    names = dict.fromkeys(m.pose for m in programme.moves if m.measured and not _NAME.fullmatch(m.pose))
+    allowed = "1 to 16 letters, digits and _ . + -"
+    hint = "Name it so in the plan's column pose."
+    message = "the controller cannot hold this name"
+    refuse([Problem(f"pose {name!r}: {message}", allowed=allowed, hint=hint) for name in names])
     programme = _with_frames(programme, to)
     if to == "krl":
         src, dat = write_krl(programme, path.stem)
@@ -73,12 +73,11 @@ def _with_frames(programme: Programme, to: str) -> Programme:
     made = replace(programme, tool=programme.tool or tool, frame=programme.frame or frame)
     allowed = "a number" if to != "rapid" else "the name of a tooldata or wobjdata"
     problems = [
-        Problem(f"the {what} of the controller", found=repr(said), allowed=allowed)
-        for what, said in (("tool", made.tool), ("frame", made.frame))
-        if not re.fullmatch(_FRAME_NAMES[to], said, re.ASCII)
+        Problem(f"the {what} of the controller", found=repr(name), allowed=allowed)
+        for what, name in (("tool", made.tool), ("frame", made.frame))
+        if not re.fullmatch(_FRAME_NAMES[to], name, re.ASCII)
     ]
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return made
 
 
@@ -92,28 +91,9 @@ def check_format(programme: Programme, to: str) -> None:
         raise InputError(Problem(message, hint="Use csv.", argument=("to", "csv")))
     maker = maker_of(programme.title)
     if to in _MAKERS and maker not in (None, _MAKERS[to]):
-        own = next((f for f, m in _MAKERS.items() if m == maker), "csv")
-        raise InputError(
-            Problem(
-                f"{to} is for controllers by {_MAKERS[to]}",
-                found=programme.title,
-                hint=f"Use {own}.",
-                argument=("to", own),
-            )
-        )
-
-
-def _check_names(programme: Programme) -> None:
-    problems = [
-        Problem(
-            f"pose {name!r}: the controller cannot hold this name",
-            allowed="1 to 16 letters, digits and _ . + -",
-            hint="Name it so in the plan's column pose.",
-        )
-        for name in dict.fromkeys(m.pose for m in programme.moves if m.measured)
-        if not _NAME.fullmatch(name)
-    ]
-    refuse(problems)
+        other = next((f for f, m in _MAKERS.items() if m == maker), "csv")
+        message, hint = f"{to} is for controllers by {_MAKERS[to]}", f"Use {other}."
+        raise InputError(Problem(message, found=programme.title, hint=hint, argument=("to", other)))
 
 
 def write_csv(programme: Programme) -> str:

@@ -34,6 +34,7 @@ _FAR = 10.0
 """m: a d beyond it comes from axes that are nearly parallel."""
 _UR_LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 _UR_ALPHA = np.array([0.5, 0.0, 0.0, 0.5, -0.5]) * np.pi
+_UR_POSE = ("x", "y", "z", "roll", "pitch", "yaw")
 _UR_CLOSE = 1e-6
 
 
@@ -130,7 +131,14 @@ def write_table(one: Fitted, convention: str, path: Path) -> Written:
     table = denavit(_serial(one), convention == "hayati")
     before = denavit(one.nominal, convention == "hayati")
     joints = one.experiment.robot.facts.joints
+    parts = {
+        "dh": "Rz(theta + q) Tz(d) Tx(a) Rx(alpha)",
+        "mdh": "Rx(alpha) Tx(a) Rz(theta + q) Tz(d)",
+        "hayati": "Rz(theta + q) Tz(d) Tx(a) Rx(alpha) Ry(beta)",
+    }
     lines = [
+        f"# base * product over the joints of [{parts[convention]}] * tool, q the URDF's joint angles",
+        "# base and tool: a place, and the rotation as a quaternion; theta, alpha and beta turn right-handed",
         f"robot: {one.experiment.robot.name}",
         f"convention: {convention}",
         f"base: {_mapping(_pose(table.base))}",
@@ -140,21 +148,9 @@ def write_table(one: Fitted, convention: str, path: Path) -> Written:
         "nominal:",
         *(f"  - {_mapping({'joint': joints[k], **_row(before, convention, k)})}" for k in range(len(joints))),
     ]
-    write_text(path, "\n".join([f"# {line}" for line in _head(convention)] + lines) + "\n")
+    write_text(path, "\n".join(lines) + "\n")
     far = tuple(joints[k] for k in np.flatnonzero(np.abs(table.d) > _FAR))
     return _compared(one, read_table(path).serial(), path, far)
-
-
-def _head(convention: str) -> list[str]:
-    parts = {
-        "dh": "Rz(theta + q) Tz(d) Tx(a) Rx(alpha)",
-        "mdh": "Rx(alpha) Tx(a) Rz(theta + q) Tz(d)",
-        "hayati": "Rz(theta + q) Tz(d) Tx(a) Rx(alpha) Ry(beta)",
-    }
-    return [
-        f"base * product over the joints of [{parts[convention]}] * tool, q the URDF's joint angles",
-        "base and tool: a place, and the rotation as a quaternion; theta, alpha and beta turn right-handed",
-    ]
 
 
 def _row(table: Denavit, convention: str, k: int) -> dict[str, float]:
@@ -222,27 +218,26 @@ def _matrix(path: Path, line: int | None, row: Any) -> Array:
     """The pose (4, 4) of a row of the file."""
     from scipy.spatial.transform import Rotation
 
-    out = np.eye(4)
     values = np.array(_numbers(path, line, row, _POSE))
     if abs(float(np.linalg.norm(values[3:])) - 1.0) > 1e-6:
         raise InputError(Problem("a quaternion of a rotation has length 1", str(path), line))
-    out[:3, :3] = Rotation.from_quat(values[[4, 5, 6, 3]]).as_matrix()
-    out[:3, 3] = 1e-3 * values[:3]
-    return out
+    return homogeneous(Rotation.from_quat(values[[4, 5, 6, 3]]).as_matrix(), 1e-3 * values[:3])
 
 
 def write_ur(one: Fitted, path: Path) -> Written:
     """The kinematics of a Universal Robots arm as its ROS driver reads them. InputError for an arm of another build."""
+    from scipy.spatial.transform import Rotation
+
     serial = _serial(one)
     mounts, conventional = _ur_frames(one)
     steps = [mounts, *conventional]
     lines = ["kinematics:"]
     for k, link in enumerate(_UR_LINKS):
         origin = np.linalg.inv(steps[k]) @ serial.placements[k] @ steps[k + 1]
-        lines += [f"  {link}:", *(f"    {name}: {value!r}" for name, value in _ur_origin(origin).items())]
+        values = [*origin[:3, 3], *Rotation.from_matrix(origin[:3, :3]).as_euler("xyz")]
+        lines += [f"  {link}:", *(f"    {name}: {float(v) + 0.0!r}" for name, v in zip(_UR_POSE, values, strict=True))]
     write_text(path, "\n".join([*lines, "  hash: calib_qsf"]) + "\n")
-    lines[-1:] = [lines[-1], f"  hash: calib_{sha256(path)[:20]}"]
-    write_text(path, "\n".join(lines) + "\n")
+    write_text(path, "\n".join([*lines, f"  hash: calib_{sha256(path)[:20]}"]) + "\n")
     tool = np.linalg.inv(conventional[-1]) @ serial.tool
     return _compared(one, read_ur(path, mounts, tool), path)
 
@@ -256,23 +251,17 @@ def read_ur(path: Path, mount: Array, tool: Array) -> Serial:
     placements: list[Array] = []
     for link in _UR_LINKS:
         row = found.get(link) if is_mapping(found) else None
-        values = _numbers(path, document.line("kinematics", link), row, ("x", "y", "z", "roll", "pitch", "yaw"))
-        out = np.eye(4)
-        out[:3, :3] = Rotation.from_euler("xyz", np.array(values[3:])).as_matrix()
-        out[:3, 3] = values[:3]
-        placements.append(out)
+        values = np.array(_numbers(path, document.line("kinematics", link), row, _UR_POSE))
+        placements.append(homogeneous(Rotation.from_euler("xyz", values[3:]).as_matrix(), values[:3]))
     placements[0] = mount @ placements[0]
     return Serial(np.stack(placements), np.tile([0.0, 0.0, 1.0], (len(_UR_LINKS), 1)), tool)
 
 
 def _ur_frames(one: Fitted) -> tuple[Array, list[Array]]:
     """Where the driver's base stands, and its frame of each link in the joint's own frame, by the nominal arm."""
-    table, n = denavit(one.nominal), len(one.nominal.placements)
-    alike = n == len(_UR_LINKS)
-    if alike:
-        zero = np.concatenate([table.theta, table.d[1:3], table.a[[0, 3, 4]], table.alpha - _UR_ALPHA])
-        alike = bool(np.abs(zero).max() < _UR_CLOSE)
-    if not alike:
+    table, alike = denavit(one.nominal), len(one.nominal.placements) == len(_UR_LINKS)
+    zero = [table.theta, table.d[1:3], table.a[[0, 3, 4]], table.alpha - _UR_ALPHA] if alike else []
+    if not alike or np.abs(np.concatenate(zero)).max() >= _UR_CLOSE:
         hint = "The axes, and where the angles are zero, must be as the maker's Denavit-Hartenberg numbers have them."
         words = f"{one.experiment.robot.name} is not built as a Universal Robots arm"
         raise InputError(Problem(words, hint=hint, argument=("ur", "")))
@@ -287,31 +276,24 @@ def _ur_frames(one: Fitted) -> tuple[Array, list[Array]]:
     return table.base, out
 
 
-def _ur_origin(origin: Array) -> dict[str, float]:
-    from scipy.spatial.transform import Rotation
-
-    turned = Rotation.from_matrix(origin[:3, :3]).as_euler("xyz")
-    names = ("x", "y", "z", "roll", "pitch", "yaw")
-    return dict(zip(names, (float(v) + 0.0 for v in [*origin[:3, 3], *turned]), strict=True))
-
-
 def offset_rows(one: Fitted) -> list[dict[str, str]]:
     """A row for each angle on the pendant: its offset in deg, and in turns and counts of the motor where stated."""
     controller, joints = one.experiment.robot.controller, one.experiment.robot.facts.driven
     rows: list[dict[str, str]] = []
     for k, joint in enumerate(joints):
         drive = controller.drives[k] if controller.drives else None
-        turned = float(one.offsets[k]) / (2.0 * np.pi)
+        turns_of_joint = float(one.offsets[k]) / (2.0 * np.pi)
         ratio, counts = (None, None) if drive is None else (drive.ratio, drive.counts)
+        motor = None if ratio is None else turns_of_joint * ratio
         sd = one.offset_sd[k]
         rows.append(
             {
                 "joint": joint,
                 "angle": f"J{k + 1}",
-                "add_deg": f"{360.0 * turned + 0.0:.6f}",
+                "add_deg": f"{360.0 * turns_of_joint + 0.0:.6f}",
                 "sd_deg": f"{np.rad2deg(sd):.6f}" if np.isfinite(sd) else "",
-                "motor_deg": "" if ratio is None else f"{360.0 * turned * ratio + 0.0:.4f}",
-                "counts": "" if ratio is None or counts is None else f"{turned * ratio * counts + 0.0:.1f}",
+                "motor_deg": "" if motor is None else f"{360.0 * motor + 0.0:.4f}",
+                "counts": "" if motor is None or counts is None else f"{motor * counts + 0.0:.1f}",
                 "in_placement_deg": f"{np.rad2deg(one.own[controller.driven[k]]) + 0.0:.6f}",
             }
         )

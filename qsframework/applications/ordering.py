@@ -31,11 +31,6 @@ def travel(pendant: Array, other: Array) -> Array:
     return np.abs(pendant[:, None] - other[None]).max(axis=2)
 
 
-def _effort(pendant: Array) -> Array:
-    """What each way between two of N poses costs (N, N), rad: its slowest joint, and a little of what all turn."""
-    return travel(pendant, pendant) + _CABLES * np.abs(pendant[:, None] - pendant[None]).sum(axis=2)
-
-
 def turning(pendant: Array, order: Sequence[int]) -> Array:
     """What each angle (n,) rad turns in all on the way through poses (N, n) in an order."""
     return np.abs(np.diff(pendant[list(order)], axis=0)).sum(axis=0)
@@ -73,7 +68,9 @@ def visits(
     """
     check_choice("order", Order, order)
     rng, out = np.random.default_rng(seed), list[int]()
-    cost = _effort(plan.pendant)
+    # rad, of each way between two poses (N, N): its slowest joint, and a little of what all turn
+    turns = np.abs(plan.pendant[:, None] - plan.pendant[None])
+    cost = turns.max(axis=2) + _CABLES * turns.sum(axis=2)
     for (i, j), more in (penalty or {}).items():
         cost[i, j] += more
         cost[j, i] += more

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
@@ -14,10 +15,11 @@ from qsframework.applications.path_check import Surroundings, find_way
 from qsframework.arguments import checked
 from qsframework.design import broken_constraints
 from qsframework.elastostatics import actuator_torques
-from qsframework.errors import InputError, Problem
+from qsframework.errors import InputError, Problem, refuse
 from qsframework.experiment import Experiment, Plan
 from qsframework.plugin import Array
 from qsframework.plugin.facts import frozen
+from qsframework.robot import Robot
 from qsframework.units import JointUnits
 
 _ROUNDS = 4
@@ -120,28 +122,31 @@ def make_programme(
         InputError: where a pose is outside the limits or collides, a load is above the payload or an actuator's torque,
             or no free path was found between two poses; each names the poses.
     """
-    _check_numbers(speed, pause)
+    if not 1 <= speed <= 100:
+        raise InputError(Problem("the speed is a share of the robot's own", found=f"{speed} %", allowed="1 to 100 %"))
+    if pause is not None and not 0.01 <= pause <= 3600.0:
+        raise InputError(Problem("the pause at a pose", found=f"{pause:g} s", allowed="0.01 to 3600 s"))
     if home is not None and home.shape != (axes := (experiment.robot.controller.axes,)):
         raise InputError(Problem("home: of another shape", found=f"{home.shape}", allowed=f"{axes}, rad or m"))
     pause = None if pause is None else round(pause, 2)  # controllers are told hundredths
     check_plan(experiment, plan, file)
     around = Surroundings(experiment)
-    _check_poses(around, plan, home, file)
-    _check_rest(experiment, plan, file)
-    _check_stations(plan, pause, file)
+    _check_constraints(around, plan, home, file)
+    stations = tuple(dict.fromkeys(plan.stations))
+    if pause is not None and len(stations) > 1:  # it would drive on while the tracker is set up elsewhere
+        hint = "A programme that waits at each pose says where the tracker moves."
+        message = f"the tracker moves between {' and '.join(stations)}"
+        raise InputError(Problem(message, file or None, hint=hint, argument=("hold", "")))
     tell = tell or (lambda label, done, total: None)
     sequence = _free_order(around, plan, order, seed, home, tell)
     moves = _moves(around, plan, sequence, home, np.random.default_rng(seed), tell, file)
     points = np.stack([m.pendant for m in moves])
-    planned = way_length(plan.pendant, visits(plan, "plan"), home)
-    loaded = bool(plan.wrench.any())
-    notes = (*_unseen(experiment, plan, moves, around), *_notes(experiment, around, home, pause, loaded))
     return replace(
         draft(experiment, plan, speed, pause),
         moves=moves,
         length=way_length(points, range(len(points))),
-        length_as_planned=planned,
-        notes=notes,
+        length_as_planned=way_length(plan.pendant, visits(plan, "plan"), home),
+        notes=_notes(around, plan, moves, home, pause),
         home=home is not None,
     )
 
@@ -165,43 +170,37 @@ def check_plan(experiment: Experiment, plan: Plan, file: str = "") -> None:
     """InputError with every pose outside the limits and every load that the robot must not carry."""
     robot = experiment.robot
     problems: list[Problem] = []
-    where = file or None
-    outside = robot.controller.outside(plan.pendant)
-    for i, k in zip(*np.nonzero(outside), strict=True):
-        problems.append(
-            Problem(
-                f"pose {plan.pose[i]!r}: {robot.facts.driven[k]} is outside its limits",
-                where,
-                found=robot.controller.units[k].text(float(plan.pendant[i, k])),
-                allowed=robot.controller.units[k].between(*robot.controller.range_of(k)),
-            )
-        )
+
+    def add(i: int, message: str, found: str, allowed: str, hint: str | None = None) -> None:
+        message = f"pose {plan.pose[i]!r}: {message}"
+        problems.append(Problem(message, file or None, found=found, allowed=allowed, hint=hint))
+
+    for i, k in np.argwhere(robot.controller.outside(plan.pendant)).tolist():
+        unit, allowed = robot.controller.units[k], robot.controller.range_of(k)
+        value = unit.text(float(plan.pendant[i, k]))
+        add(i, f"{robot.facts.driven[k]} is outside its limits", value, unit.between(*allowed))
     force = np.linalg.norm(plan.wrench[:, :3], axis=1)
     most = np.inf if robot.payload is None else robot.payload * float(np.linalg.norm(robot.gravity))
-    for i in np.flatnonzero(force > most * (1.0 + 1e-9)):
-        problems.append(
-            Problem(
-                f"pose {plan.pose[i]!r}: the load is above the wrist's payload",
-                where,
-                found=f"{force[i]:.0f} N",
-                allowed=f"{robot.payload:g} kg, {most:.0f} N",
-                hint="The real robot never holds it: plan with a smaller load.",
-            )
+    for i in np.flatnonzero(force > most * (1.0 + 1e-9)).tolist():
+        message, hint = (
+            "the load is above the wrist's payload",
+            "The real robot never holds it: plan with a smaller load.",
         )
+        add(i, message, f"{force[i]:.0f} N", f"{robot.payload:g} kg, {most:.0f} N", hint)
     if robot.torque_limits is not None:
         empty = replace(plan.poses, wrench=np.zeros_like(plan.wrench))
         torque = np.max([np.abs(actuator_torques(experiment.model(), p)) for p in (plan.poses, empty)], axis=0)
-        for i, k in zip(*np.nonzero(torque > robot.torque_limits), strict=True):
-            problems.append(
-                Problem(
-                    f"pose {plan.pose[i]!r}: {robot.facts.joints[k]} cannot hold the load",
-                    where,
-                    found=f"{torque[i, k]:.0f} {robot.facts.units[k].load}",
-                    allowed=f"up to {robot.torque_limits[k]:.0f} {robot.facts.units[k].load}",
-                )
-            )
-    if problems:
-        raise InputError(problems)
+        for i, k, found, allowed in overloads(robot, torque):
+            add(i, f"{robot.facts.joints[k]} cannot hold the load", found, allowed)
+    refuse(problems)
+
+
+def overloads(robot: Robot, torque: Array) -> Iterator[tuple[int, int, str, str]]:
+    """Where torques (N, n) are above the actuators': the pose, the joint, and both in words."""
+    limits = np.full(torque.shape[1], np.inf) if robot.torque_limits is None else robot.torque_limits
+    for i, k in np.argwhere(torque > limits).tolist():
+        unit = robot.facts.units[k].load
+        yield i, k, f"{torque[i, k]:.0f} {unit}", f"up to {limits[k]:.0f} {unit}"
 
 
 def payload_notes(experiment: Experiment) -> tuple[str, ...]:
@@ -215,65 +214,18 @@ def load_name(plan: Plan, i: int) -> str:
     return plan.load[i] or ("load" if np.any(plan.wrench[i]) else "")
 
 
-def _check_numbers(speed: int, pause: float | None) -> None:
-    if not 1 <= speed <= 100:
-        raise InputError(Problem("the speed is a share of the robot's own", found=f"{speed} %", allowed="1 to 100 %"))
-    if pause is not None and not 0.01 <= pause <= 3600.0:
-        raise InputError(Problem("the pause at a pose", found=f"{pause:g} s", allowed="0.01 to 3600 s"))
-
-
-def _check_stations(plan: Plan, pause: float | None, file: str) -> None:
-    """InputError where the programme would drive on while the tracker is set up elsewhere."""
-    stations = tuple(dict.fromkeys(plan.stations))
-    if pause is not None and len(stations) > 1:
-        hint = "A programme that waits at each pose says where the tracker moves."
-        message = f"the tracker moves between {' and '.join(stations)}"
-        raise InputError(Problem(message, file or None, hint=hint, argument=("hold", "")))
-
-
-def _check_poses(around: Surroundings, plan: Plan, home: Array | None, file: str) -> None:
+def _check_constraints(around: Surroundings, plan: Plan, home: Array | None, file: str) -> None:
+    """InputError where a pose or home breaks what keeps robot and load safe."""
     pendant = plan.pendant if home is None else np.vstack([plan.pendant, home])
     names = [*(f"pose {p!r}" for p in plan.pose), "home"]
-    problems = [
-        Problem(f"{names[i]}: breaks {', '.join(said)}", file or None, hint=_MEND)
-        for i, said in enumerate(around.named(pendant))
-        if said
-    ]
-    if problems:
-        raise InputError(problems)
-
-
-def _check_rest(experiment: Experiment, plan: Plan, file: str) -> None:
-    """InputError where a pose breaks a constraint of the experiment that keeps robot and load safe."""
-    problems = [
-        Problem(
-            f"pose {pose!r}: breaks {constraint!r}",
-            file or None,
-            hint=_MEND,
-        )
-        for constraint, poses in broken_constraints(experiment, plan).items()
+    breaks = [(names[i], ", ".join(words)) for i, words in enumerate(around.named(pendant)) if words]
+    breaks = breaks or [
+        (f"pose {pose!r}", repr(constraint))
+        for constraint, poses in broken_constraints(around.experiment, plan).items()
         if constraint not in (*_FOR_THE_READINGS, "load_capacity")  # `check_plan` asks for the plan's own loads
         for pose in poses
     ]
-    if problems:
-        raise InputError(problems)
-
-
-def _unseen(experiment: Experiment, plan: Plan, moves: tuple[Move, ...], around: Surroundings) -> tuple[str, ...]:
-    """Constraints that only the readings need, where they are broken: at poses, and the sight on the way."""
-    broken = broken_constraints(experiment, plan)
-    notes = [f"{', '.join(broken[c])} break the constraint {c!r}" for c in _FOR_THE_READINGS if c in broken]
-    if experiment.constraints.sight is not None:
-        lost = [
-            f"{a.pose or 'between'} to {b.pose or 'between'}"
-            for a, b in pairwise(moves)
-            if around.loses_sight(a.pendant, b.pendant)
-        ]
-        if lost:
-            notes.append(
-                f"the tracker loses a marker on the way {', '.join(lost)}: it must find it again by absolute distance"
-            )
-    return tuple(notes)
+    refuse([Problem(f"{name}: breaks {words}", file or None, hint=_MEND) for name, words in breaks])
 
 
 def _free_order(
@@ -283,8 +235,11 @@ def _free_order(
     penalty: dict[tuple[int, int], float] = {}
     free: dict[tuple[int, int], bool] = {}
     best: tuple[float, tuple[int, ...]] | None = None
+    # where it lists poses under one load together, and each once, the plan's own order will do, too
+    changes = sum(a != b for a, b in pairwise(plan.load))
+    in_rounds = changes == len(set(plan.load)) - 1 and max(plan.repeats) == 1
     for k in range(_ROUNDS):
-        as_listed = order == "shortest" and k == _ROUNDS - 1 and _in_rounds(plan)
+        as_listed = order == "shortest" and k == _ROUNDS - 1 and in_rounds
         sequence = visits(plan, "plan" if as_listed else order, seed, home, penalty)
         pairs = [(min(i, j), max(i, j)) for i, j in pairwise(sequence)]
         for i, j in pairs:
@@ -303,21 +258,15 @@ def _free_order(
     return best[1]
 
 
-def _in_rounds(plan: Plan) -> bool:
-    """Whether the plan lists poses under one load together, and each once: its own order will do, too."""
-    changes = sum(a != b for a, b in pairwise(plan.load))
-    return changes == len(set(plan.load)) - 1 and max(plan.repeats) == 1
-
-
 def _stops(plan: Plan, sequence: tuple[int, ...]) -> list[Move]:
     """The visits in an order."""
-    out, seen, stand = list[Move](), dict[int, int](), ""
+    out, counts, stand = list[Move](), Counter[int](), ""
     for i in sequence:
-        seen[i] = seen.get(i, 0) + 1
-        x, y, z = (float(f) for f in plan.wrench[i, :3])
-        moved = plan.stations[i] if plan.stations[i] != stand else ""
+        counts[i] += 1
+        x, y, z = map(float, plan.wrench[i, :3])
+        station = plan.stations[i] if plan.stations[i] != stand else ""
         stand = plan.stations[i]
-        out.append(Move(frozen(plan.pendant[i]), plan.pose[i], seen[i], load_name(plan, i), (x, y, z), moved))
+        out.append(Move(frozen(plan.pendant[i]), plan.pose[i], counts[i], load_name(plan, i), (x, y, z), station))
     return out
 
 
@@ -344,15 +293,21 @@ def _moves(
             hint = "Leave one of the two out of the plan, or put a pose between them that both can reach."
             problems.append(Problem(f"no free way found {ends}: it breaks {hit}", file or None, hint=hint))
         out += [*(Move(p) for p in between or ()), there]
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return tuple(out)
 
 
 def _notes(
-    experiment: Experiment, around: Surroundings, home: Array | None, pause: float | None, loaded: bool
+    around: Surroundings, plan: Plan, moves: tuple[Move, ...], home: Array | None, pause: float | None
 ) -> tuple[str, ...]:
-    notes: list[str] = []
+    """What to know of a programme: first the constraints that only the readings need, where they are broken."""
+    experiment, loaded = around.experiment, bool(plan.wrench.any())
+    broken = broken_constraints(experiment, plan)
+    notes = [f"{', '.join(broken[c])} break the constraint {c!r}" for c in _FOR_THE_READINGS if c in broken]
+    pairs = [(a, b) for a, b in pairwise(moves) if around.loses_sight(a.pendant, b.pendant)]
+    if pairs:
+        ways = ", ".join(f"{a.pose or 'between'} to {b.pose or 'between'}" for a, b in pairs)
+        notes.append(f"the tracker loses a marker on the way {ways}: it must find it again by absolute distance")
     if pause is not None and loaded:
         notes.append(
             f"the programme drives on by itself after {pause:g} s: a run without the weight; without a pause it waits "
@@ -360,7 +315,7 @@ def _notes(
         )
     if not experiment.robot.shapes:
         notes.append("the robot's URDF has no simple solids: nothing was checked for collisions")
-    if around.experiment.constraints.floor is None:
+    if experiment.constraints.floor is None:
         notes.append("the experiment states no floor_m among its constraints: the way was not checked against a floor")
     if experiment.constraints.tool_radius is None:
         notes.append("the experiment states no tool_radius_mm: tool and weight were not checked for collisions")

@@ -7,7 +7,9 @@ fit could tell from compliance. Where positions are planned they are read once a
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
+from itertools import compress
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +21,7 @@ from qsframework.arguments import checked
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment, Plan
 from qsframework.experiment.columns import WRENCH_NAMES, joint_cells, number, write_table
+from qsframework.experiment.readings_table import STATES
 from qsframework.experiment.stations import seen_markers
 from qsframework.plugin import Array
 from qsframework.units import JointUnits
@@ -130,34 +133,34 @@ def make_protocol(
     names = tuple(m.name for m in experiment.markers)
     visible = seen_markers(experiment, plan.q, plan.stations)
     plan = with_repeats(plan, options.repeat_share, options.seed)
-    sequence = visits(plan, options.order, options.seed)
-    seen: dict[int, int] = {}
+    counts: Counter[int] = Counter()
     out: list[Visit] = []
-    for place, i in enumerate(sequence, start=1):
-        seen[i] = seen.get(i, 0) + 1
-        load = load_name(plan, i)
-        half = options.half and plan.repeats[i] > 1
-        states = _states(load, plan.wrench[i], options.cycles, half)
-        if plan.of_positions[i]:
-            states = (ProtocolState(1, "", np.zeros(6)),)
+    for place, i in enumerate(visits(plan, options.order, options.seed), start=1):
+        counts[i] += 1
+        load, wrench, states = load_name(plan, i), plan.wrench[i], list[ProtocolState]()
+        for cycle in range(1, options.cycles + 1) if not plan.of_positions[i] else ():
+            states.append(ProtocolState(cycle, "", np.zeros(6)))
+            if options.half and plan.repeats[i] > 1:
+                states.append(ProtocolState(cycle, HALF + load, 0.5 * wrench))
+            states.append(ProtocolState(cycle, load, wrench))
+        last = 1 if plan.of_positions[i] else options.cycles + 1
         out.append(
             Visit(
                 number=place,
                 pose=plan.pose[i],
-                repeat=seen[i],
+                repeat=counts[i],
                 pendant=plan.pendant[i],
                 load=load,
-                wrench=plan.wrench[i],
-                states=states,
-                markers=tuple(name for name, flag in zip(names, visible[i], strict=True) if flag),
+                wrench=wrench,
+                states=(*states, ProtocolState(last, "", np.zeros(6))),
+                markers=tuple(compress(names, visible[i])),
                 station=plan.stations[i],
             )
         )
-    robot, joints = experiment.robot, experiment.robot.controller.units
     return Protocol(
-        robot=robot.name,
-        title=robot.title,
-        units=joints,
+        robot=experiment.robot.name,
+        title=experiment.robot.title,
+        units=experiment.robot.controller.units,
         visits=tuple(out),
         options=options,
         markers=names,
@@ -165,48 +168,34 @@ def make_protocol(
     )
 
 
-def _states(load: str, wrench: Array, cycles: int, half: bool) -> tuple[ProtocolState, ...]:
-    nothing, out = np.zeros(6), list[ProtocolState]()
-    for cycle in range(1, cycles + 1):
-        out.append(ProtocolState(cycle, "", nothing))
-        out += [ProtocolState(cycle, HALF + load, 0.5 * wrench)] if half else []
-        out.append(ProtocolState(cycle, load, wrench))
-    return (*out, ProtocolState(cycles + 1, "", nothing))
+def row_start(protocol: Protocol, visit: Visit, state: ProtocolState, pendant: Array, wrench: Array) -> dict[str, str]:
+    """The first cells of a row of readings by their columns: a pose, its angles (n,) and the load (6,) of a state."""
+    angles = zip(protocol.units.names(), joint_cells(pendant, protocol.units), strict=True)
+    loads = map(number, wrench.tolist()) if state.loaded else [""] * 6
+    return {"pose": visit.pose, **dict(angles), **dict(zip(WRENCH_NAMES, loads, strict=True))}
 
 
 def write_reading_file(path: Path, protocol: Protocol) -> None:
     """The table to fill in: one row per state and marker in the order of reading; no position, time or temperature."""
-    header = ["pose", *protocol.units.names(), *WRENCH_NAMES]
-    header += ["marker", "state", "x_mm", "y_mm", "z_mm", "load_id", *(["series"] if protocol.stations else [])]
-    header += ["repeat", "cycle", "use"]
-    header += ["time_s", "temperature_degC", "drive_state"]
-    rows: list[list[str]] = []
-    for visit in protocol.visits:
-        angles = joint_cells(visit.pendant, protocol.units)
-        for state in visit.states:
-            wrench = [*map(number, state.wrench.tolist())] if state.loaded else [""] * 6
-            for marker in visit.markers:
-                rows.append(
-                    [
-                        visit.pose,
-                        *angles,
-                        *wrench,
-                        marker,
-                        "loaded" if state.loaded else "unloaded",
-                        "",
-                        "",
-                        "",
-                        state.load_id,
-                        *([visit.station] if protocol.stations else []),
-                        str(visit.repeat),
-                        str(state.cycle),
-                        "1",
-                        "",
-                        "",
-                        protocol.options.drive,
-                    ]
-                )
-    write_table(path, header, rows, [f"robot: {protocol.robot}"])
+    rows = [
+        {
+            **row_start(protocol, visit, state, visit.pendant, state.wrench),
+            "marker": marker,
+            "state": STATES[state.loaded],
+            **dict.fromkeys(("x_mm", "y_mm", "z_mm"), ""),
+            "load_id": state.load_id,
+            **({"series": visit.station} if protocol.stations else {}),
+            "repeat": str(visit.repeat),
+            "cycle": str(state.cycle),
+            "use": "1",
+            **dict.fromkeys(("time_s", "temperature_degC"), ""),
+            "drive_state": protocol.options.drive,
+        }
+        for visit in protocol.visits
+        for state in visit.states
+        for marker in visit.markers
+    ]
+    write_table(path, list(rows[0]), [list(row.values()) for row in rows], [f"robot: {protocol.robot}"])
 
 
 def floor_file(readings: Path) -> Path:

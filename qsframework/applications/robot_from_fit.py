@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from qsframework.errors import InputError, Problem
+from qsframework.errors import InputError, Problem, refuse
 from qsframework.identify import FitRecord
 from qsframework.identify.soundness import check_fit, check_robot, experiment_of
 from qsframework.robot import Robot
@@ -38,8 +38,7 @@ def with_fit(robot: Robot, fit: FitRecord, *, anyway: bool = False) -> tuple[Rob
         for p in robot.parameters
         if p.name in fit.model_values and not p.lower <= fit.model_values[p.name] <= p.upper
     ]
-    if beyond:
-        raise InputError(beyond)
+    refuse(beyond)
     experiment = experiment_of(fit, robot)
     notes = check_fit(fit, robot, experiment, anyway=anyway)
     if experiment is None and fit.path:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from qsframework.applications.inverse import poses_at
 from qsframework.arguments import checked
 from qsframework.elastostatics import Model, cartesian_compliance, equilibrium, make_model, range_notes
 from qsframework.elastostatics.displacements import evaluate
@@ -93,7 +94,10 @@ def stiffness_at(
         raise InputError(Problem("point: too far for a tool", found=f"{off:g} m", allowed=allowed))
     site = site_in(robot.flange, point)
     model = make_model(robot.facts, robot.effects, robot.parameters, site, [("tip", site)], robot.gravity)
-    poses = _one_pose(robot, pendant, wrench)
+    check_asked(robot, pendant[None], wrench[None])
+    if not np.any(wrench):
+        raise InputError("the load is zero; give a force such as 0,0,-4000")
+    poses = poses_at(robot, pendant[None], wrench[None])
     if not spring_names(model):
         raise InputError(f"robot {robot.name} has no spring, so nothing gives: its effects list no compliance")
     unloaded, loaded = equilibrium(model, poses, loaded=False), equilibrium(model, poses)
@@ -132,21 +136,13 @@ def check_asked(robot: Robot, pendant: Array, wrench: Array) -> None:
         of = f"target {i + 1}: " if len(pendant) > 1 else ""
         in_degrees = not controller.outside(np.where(controller.units.sliding, pendant, np.deg2rad(pendant))).any()
         hint = "The values would be inside in degrees; angles are in rad: use numpy.deg2rad." if in_degrees else None
-        words, found = f"{of}{robot.facts.driven[k]} is outside its limits", unit.text(pendant[i, k])
+        words = f"{of}{robot.facts.driven[k]} is outside its limits"
+        found = unit.text(pendant[i, k])
         raise InputError(Problem(words, found=found, allowed=unit.between(low, high), hint=hint, argument=("pose", "")))
     for force in wrench[:, :3]:
         if (far := too_strong(force, robot.payload, float(np.linalg.norm(robot.gravity)))) is not None:
             allowed = f"up to {far[1]:.0f} N, {LOADS:g} times the payload of {robot.name}"
             raise InputError(Problem("wrench: beyond any test of the arm", found=f"{far[0]:.0f} N", allowed=allowed))
-
-
-def _one_pose(robot: Robot, pendant: Array, wrench: Array) -> Poses:
-    if pendant.shape != (robot.controller.axes,):
-        raise InputError(f"a pose of {robot.name} has {robot.controller.axes} angles, found {len(pendant)}")
-    check_asked(robot, pendant[None], wrench[None])
-    if not np.any(wrench):
-        raise InputError("the load is zero; give a force such as 0,0,-4000")
-    return Poses(pendant[None], robot.controller.to_joints(pendant[None]), wrench[None])
 
 
 def spring_names(model: Model) -> tuple[str, ...]:

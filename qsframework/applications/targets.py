@@ -209,7 +209,8 @@ def _capacity(table: Table, wrench: Array, experiment: Experiment) -> list[Probl
         return []
     force, most = np.linalg.norm(wrench[:, :3], axis=1), robot.payload * float(np.linalg.norm(robot.gravity))
     hint = "A load meant to be heavier needs constraints: {load_capacity: false} in the experiment."
-    message, allowed = "the force is more than the robot's payload", f"{robot.payload:g} kg, {most:.0f} N"
+    message = "the force is more than the robot's payload"
+    allowed = f"{robot.payload:g} kg, {most:.0f} N"
     rows = np.flatnonzero(force > most)
     return [table.problem(i, "fx", message, f"{force[i]:.0f} N", allowed, hint) for i in map(int, rows)]
 
@@ -225,18 +226,18 @@ def _joints(
     problems: list[Problem] = []
     for i in range(len(wanted)):
         tell("joint angles", i, len(wanted))
-        found = find_joints(robot, experiment.load_site, wanted.take([i]), last if starts is None else starts[i], rng)
-        if not found.reached:
+        start = last if starts is None else starts[i]
+        solution = find_joints(robot, experiment.load_site, wanted.take([i]), start, rng)
+        if not solution.reached:
             message = f"target {names[i]!r}: no joint angles within the limits put the load point there"
-            near = f"{found.away * 1e3:.1f} mm and {np.rad2deg(found.turned):.2f} deg away at the nearest"
-            there = rigid_tip(robot, experiment.load_site, robot.controller.to_joints(found.pendant[None]))
+            there = rigid_tip(robot, experiment.load_site, robot.controller.to_joints(solution.pendant[None]))
             turns = ", ".join(f"{angle:.2f}" for angle in np.rad2deg(flange_pose(there)[1][0]) + 0.0)
             hint = f"There rx_deg, ry_deg, rz_deg are {turns}. "
             hint += "Move the target closer, turn the tool, or give joint angles to start from."
-            problems.append(Problem(message, str(table.path), table.rows[i], found=near, hint=hint))
+            problems.append(Problem(message, str(table.path), table.rows[i], found=solution.near, hint=hint))
         else:
-            last = found.pendant
-        out.append(found.pendant)
+            last = solution.pendant
+        out.append(solution.pendant)
     tell("joint angles", len(wanted), len(wanted))
     refuse(problems)
     return np.stack(out)

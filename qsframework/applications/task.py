@@ -14,29 +14,27 @@ import numpy as np
 import pydantic
 
 from qsframework.arguments import checked
-from qsframework.errors import InputError, Problem, ProblemPlace
+from qsframework.errors import Problem, ProblemPlace, refuse
 from qsframework.experiment.spec import SHORTEST, LoadCaseSpec
 from qsframework.files import FileModel, Unit, read_yaml, validate
 from qsframework.plugin import Array
 from qsframework.plugin.facts import frozen
 
 
-class _Approaching(FileModel):
-    """Something with a direction in which the tool points."""
-
-    approach: list[float] | None = None
-
-    @pydantic.field_validator("approach")
-    @classmethod
-    def _direction(cls, value: list[float] | None) -> list[float] | None:
-        if value is not None and (len(value) != 3 or max(map(abs, value)) < SHORTEST):
-            raise ValueError("approach needs three numbers, not all zero: the way the tool points, base frame")
-        return value
+def _direction(value: list[float]) -> list[float]:
+    if len(value) != 3 or max(map(abs, value)) < SHORTEST:
+        raise ValueError("approach needs three numbers, not all zero: the way the tool points, base frame")
+    return value
 
 
-class PointSpec(_Approaching):
+Direction = Annotated[list[float], pydantic.AfterValidator(_direction)]
+"""In which the tool points."""
+
+
+class PointSpec(FileModel):
     """A point of the path, base frame, with the force and moment on the tool there."""
 
+    approach: Direction | None = None
     xyz: Annotated[list[float], Unit("m")]
     fx: Annotated[float, Unit("N")] = 0.0
     fy: Annotated[float, Unit("N")] = 0.0
@@ -53,9 +51,10 @@ class PointSpec(_Approaching):
         return value
 
 
-class MapSpec(_Approaching):
+class MapSpec(FileModel):
     """A slice x, z of the workspace at one y, and the force of its deflection map."""
 
+    approach: Direction | None = None
     x: Annotated[list[float], Unit("m")]
     z: Annotated[list[float], Unit("m")]
     y: Annotated[float, Unit("m")] = 0.0
@@ -93,16 +92,9 @@ class PathSpec(FileModel):
 
     title: str
     tool: Annotated[float, Unit("m")] = pydantic.Field(ge=0)
-    approach: list[float]
+    approach: Direction
     path: list[PointSpec] = pydantic.Field(min_length=1)
     floor: Annotated[float | None, Unit("m")] = None
-
-    @pydantic.field_validator("approach")
-    @classmethod
-    def _direction(cls, value: list[float]) -> list[float]:
-        if len(value) != 3 or max(map(abs, value)) < SHORTEST:
-            raise ValueError("approach needs three numbers, not all zero: the way the tool points, base frame")
-        return value
 
 
 class WorkSpec(PathSpec):
@@ -132,7 +124,10 @@ class TaskPath:
 
 def load_task_path(path: str | Path) -> TaskPath:
     """The path of a task.yaml. InputError with all its problems, each with file and line."""
-    spec = validate(read_yaml(path), WorkSpec)
+    return _path_of(validate(read_yaml(path), WorkSpec))
+
+
+def _path_of(spec: PathSpec) -> TaskPath:
     return TaskPath(
         tool=spec.tool,
         points=frozen([p.xyz for p in spec.path]),
@@ -142,20 +137,15 @@ def load_task_path(path: str | Path) -> TaskPath:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Task:
-    """What is asked. tool: m from the flange along the last axis to the load point.
+class Task(TaskPath):
+    """What is asked: a path, and beside it a map and a campaign.
 
-    points (P, 3) m, directions (P, 3) the tool points in, wrenches (P, 6), all base frame
     floor: its height, m, base frame; None: not known
     map_x, map_z (steps,) m at map_y, with map_direction (3,) and map_force (3,) N
     """
 
     path: Path
     title: str
-    tool: float
-    points: Array
-    directions: Array
-    wrenches: Array
     map_x: Array
     map_z: Array
     map_y: float
@@ -180,15 +170,10 @@ def load_task(path: str | Path) -> Task:
     """
     document = read_yaml(path)
     spec = validate(document, TaskSpec)
-    wrenches = np.array([[p.fx, p.fy, p.fz, p.mx, p.my, p.mz] for p in spec.path])
+    work, allowed = _path_of(spec), "fx_N, fy_N, fz_N, mx_Nm, my_Nm, mz_Nm"
     problems = [
-        Problem(
-            f"path, point {i + 1}: no force acts there",
-            str(path),
-            document.line("path", int(i)),
-            allowed="fx_N, fy_N, fz_N, mx_Nm, my_Nm, mz_Nm",
-        )
-        for i in np.flatnonzero(~np.any(wrenches, axis=1))
+        Problem(f"path, point {i + 1}: no force acts there", str(path), document.line("path", i), allowed=allowed)
+        for i in np.flatnonzero(~np.any(work.wrenches, axis=1)).tolist()
     ]
     names = [load.name for load in spec.campaign.loads]
     for i, load in enumerate(spec.campaign.loads):
@@ -197,27 +182,19 @@ def load_task(path: str | Path) -> Task:
             problems.append(Problem(f"load {load.name!r} stands here twice", **where))
         if not any(load.wrench()):
             problems.append(Problem(f"load {load.name!r} is zero", **where, allowed="fx_N, fy_N, fz_N"))
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return Task(
+        **vars(work),
         path=Path(path),
         title=spec.title,
-        tool=spec.tool,
-        points=frozen([p.xyz for p in spec.path]),
-        directions=frozen([_unit(p.approach or spec.approach) for p in spec.path]),
-        wrenches=frozen(wrenches),
-        map_x=_steps(spec.map.x, spec.map.steps),
-        map_z=_steps(spec.map.z, spec.map.steps),
+        map_x=frozen(np.linspace(spec.map.x[0], spec.map.x[1], spec.map.steps)),
+        map_z=frozen(np.linspace(spec.map.z[0], spec.map.z[1], spec.map.steps)),
         map_y=spec.map.y,
         map_direction=frozen(_unit(spec.map.approach or spec.approach)),
         map_force=frozen([spec.map.fx, spec.map.fy, spec.map.fz]),
         campaign=spec.campaign,
         floor=spec.floor,
     )
-
-
-def _steps(ends: list[float], count: int) -> Array:
-    return frozen(np.linspace(ends[0], ends[1], count))
 
 
 def _unit(direction: list[float]) -> Array:

@@ -124,7 +124,7 @@ def _needed(
 ) -> tuple[Candidates, Needed]:
     """The smallest plan for a task. InputError where another option asks for something else, or the arm does not reach
     a point."""
-    from qsframework.applications.reach import standing, tool_of
+    from qsframework.applications.inverse import standing, tool_of
     from qsframework.applications.task import load_task_path
 
     if files.test_poses is not None or files.taken or options.budget is not None:

@@ -23,9 +23,8 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route
 
-from qsframework.applications.day.day import Day, Judged, decide, reread
+from qsframework.applications.day.day import Day, Judged, decide, enter_floor, reread
 from qsframework.applications.day.entry import enter_file, enter_text, read_positions
-from qsframework.applications.day.floor import enter_floor
 from qsframework.applications.day.record import Slot
 from qsframework.applications.day.so_far import SoFar, diagnosis_so_far, so_far
 from qsframework.errors import QsfError

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from qsframework.applications.controller_names import plain
+from qsframework.applications.controller_files import plain
 from qsframework.applications.programme import Programme, load_name
 from qsframework.applications.programmes.poses import POSES
 from qsframework.applications.programmes.reading import MAKERS, parse_source, read_source

@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from qsframework.applications.compare import Compared, Comparison, _free, campaign_of, compare, tip_model
-from qsframework.applications.reach import reach, tool_of
+from qsframework.applications.inverse import reach, tool_of
 from qsframework.applications.robot_from_fit import with_fit
 from qsframework.applications.stiffness import stiffness_at
 from qsframework.applications.task import Task, load_task

@@ -15,11 +15,8 @@ from read_back import parse, read_export
 from typer.testing import CliRunner
 
 from qsframework.applications import path_check, programme as programme_module
+from qsframework.applications.controller_files import write_fanuc, write_krl, write_rapid, write_urscript
 from qsframework.applications.export import FORMATS, export
-from qsframework.applications.export_fanuc import write_fanuc
-from qsframework.applications.export_krl import write_krl
-from qsframework.applications.export_rapid import write_rapid
-from qsframework.applications.export_urscript import write_urscript
 from qsframework.applications.inverse import rigid_tip
 from qsframework.applications.ordering import shortest_path, travel, visits, way_length
 from qsframework.applications.path_check import Surroundings, find_way, stretch

@@ -14,9 +14,8 @@ import numpy as np
 import pytest
 
 from qsframework.applications.day import Day, Slot, begin, decide, enter
-from qsframework.applications.day.day import reread
+from qsframework.applications.day.day import enter_floor, reread
 from qsframework.applications.day.entry import Unconfirmed, enter_file, enter_text, read_positions
-from qsframework.applications.day.floor import enter_floor
 from qsframework.applications.day.record import Entry, as_json, delivery, opened
 from qsframework.applications.day.so_far import accepted, diagnosis_so_far, predicted_sd, so_far
 from qsframework.applications.protocol import ProtocolOptions

@@ -25,11 +25,8 @@ import numpy as np
 import yaml
 from mutate import mutated
 
+from qsframework.applications.controller_files import write_fanuc, write_krl, write_rapid, write_urscript
 from qsframework.applications.export import write_csv
-from qsframework.applications.export_fanuc import write_fanuc
-from qsframework.applications.export_krl import write_krl
-from qsframework.applications.export_rapid import write_rapid
-from qsframework.applications.export_urscript import write_urscript
 from qsframework.applications.programme import Move, Programme
 from qsframework.applications.programmes.reading import ENDINGS, read_source
 from qsframework.applications.stiffness import stiffness_at

@@ -16,8 +16,16 @@ from typing import Any
 
 import numpy as np
 
-from qsframework.applications.day.expected import Expected, expected
-from qsframework.applications.day.judge import Known, Seen, StateVerdict, judge, known
+from qsframework.applications.day.judge import (
+    LEVEL,
+    Expected,
+    Known,
+    StateReading,
+    StateVerdict,
+    expected,
+    judge,
+    known,
+)
 from qsframework.applications.day.mistakes import Explanation, most_likely
 from qsframework.applications.day.record import (
     DOUBT,
@@ -35,14 +43,18 @@ from qsframework.applications.day.record import (
     write_tables,
 )
 from qsframework.applications.protocol import ProtocolOptions, make_protocol
-from qsframework.errors import InputError, Problem, nearest
+from qsframework.errors import InputError, Problem, nearest, refuse
+from qsframework.estimation.tails import chi2_isf
 from qsframework.experiment import Experiment, Plan
+from qsframework.experiment.frames import procrustes
 from qsframework.files.journal import Journal
 from qsframework.plugin import Array
 
 DECISIONS = ("keep", "correct", "again")
 _FAR = 100.0
 """m: no tracker reads farther."""
+_WANDER = 3e-5
+"""m: what a reflector on a floor may drift beside the noise."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -73,6 +85,16 @@ class Judged:
     slot: Slot
     verdict: StateVerdict
     mistake: Explanation | None
+
+
+@dataclass(frozen=True)
+class FloorJudged:
+    """What the floor says. kind: "first", "still", "tracker" where all moved as one, "reflector" where one did alone;
+    off: the largest motion, m; reflector: which one"""
+
+    kind: str
+    off: float
+    reflector: str = ""
 
 
 def begin(experiment: Experiment, plan: Plan, folder: Path, options: ProtocolOptions | None = None) -> Day:
@@ -201,14 +223,41 @@ def _stored(day: Day, journal: Journal, made: Mapping[str, Any]) -> Day:
     return day
 
 
-def store_floor(day: Day, slot: Slot | None, readings: Mapping[str, Array]) -> Day:
-    """The day with positions (3,) m of the floor's reflectors, at a visit of it."""
+def enter_floor(day: Day, readings: Mapping[str, Array], slot: Slot | None = None) -> tuple[Day, FloorJudged]:
+    """The day with positions (3,) m of floor reflectors in the tracker's present frame, at the visit of `slot`, and how
+    they compare with the first ones: where they are at the start of every visit tells whether the tracker still stands.
+
+    They are read beside the plan; nothing is fitted to them. InputError where one is no position, or cannot be stored.
+    """
+    bad = [n for n, xyz in readings.items() if np.shape(xyz) != (3,) or not np.isfinite(xyz).all()]
+    if bad or not readings:
+        raise InputError(Problem(f"no position of {', '.join(bad) or 'a reflector'}", allowed="x, y, z in mm"))
     with locked(day) as (day, journal):
         visit = day.record.protocol.visits[-1 if slot is None else slot.visit]
         series = day.record.series if slot is None else day.record.series_at(slot)
         floor = {"is": [visit.number, visit.pose, visit.repeat], "series": series}
         floor |= {"xyz_m": {name: np.asarray(xyz).tolist() for name, xyz in readings.items()}}
-        return _stored(day, journal, delivery(day.record, floor=floor))
+        day = _stored(day, journal, delivery(day.record, floor=floor))
+    first: dict[str, Array] = {}
+    for floor in (f for f in day.record.floor[:-1] if f["series"] == day.record.series):
+        first = {name: np.array(xyz) for name, xyz in floor["xyz_m"].items()} | first
+    names = [n for n in readings if n in first]
+    if not names:
+        return day, FloorJudged("first", 0.0)
+    was, now = (np.array([of[n] for n in names]) for of in (first, readings))
+    motion = np.linalg.norm(now - was, axis=1)
+    sd = float(np.sqrt(2.0) * np.hypot(day.expected.sigma, _WANDER))
+    limit = sd * float(
+        np.sqrt(chi2_isf(LEVEL / len(names), 3))
+    )  # that the worst of these exceeds with the chance LEVEL
+    worst = int(np.argmax(motion))
+    together = len(names) < 3 or np.linalg.norm(procrustes(was, now).apply(was) - now, axis=1).max() <= limit
+    kind, alone = "tracker", len(names) >= 2 and (motion > limit).sum() == 1
+    if motion[worst] <= limit:
+        kind = "still"
+    elif alone or not together:
+        kind = "reflector"
+    return day, FloorJudged(kind, float(motion[worst]), names[worst] if kind == "reflector" else "")
 
 
 def _with(day: Day, made: Mapping[str, Any]) -> Day:
@@ -228,7 +277,7 @@ def _judged(day: Day, journal: Journal, entries: Sequence[Entry], **source: Any)
     """The day with states, each judged by what the earlier ones tell, in one record."""
     made, said, now = delivery(day.record, states=[], **source), list[Judged](), day
     for entry in entries:
-        verdict = judge(now.known, entry.slot, _xyz(now, entry), entry.series)
+        verdict = judge(now.known, _reading(now, entry))
         odd = not verdict.fine or not as_planned(entry, day.record)
         mistake = _mistake(now, entry) if odd else None
         entry = replace(entry, said=DOUBT if odd else "as expected", mistake=mistake.kind if mistake else "")
@@ -243,7 +292,7 @@ def _mistake(day: Day, entry: Entry) -> Explanation:
     """What a state that is not as expected most likely is."""
     if not as_planned(entry, day.record):
         return _other_than_planned(day, entry)
-    return most_likely(day.known, entry.slot, _xyz(day, entry), entry.series)
+    return most_likely(day.known, _reading(day, entry))
 
 
 def _other_than_planned(day: Day, row: Entry) -> Explanation:
@@ -269,16 +318,16 @@ def _seen(
     """The day; it learns from the states that do not wait for a decision, and were not kept against its advice. What
     waits gets the mistake that it most likely is."""
     day = Day(experiment=experiment, plan=plan, expected=told, record=record, known=known(told, ()), mistakes={})
-    seen = [Seen(s, _xyz(day, e), e.series) for s, e in record.states.items() if e.said not in ("", DOUBT, "kept")]
-    day = replace(day, known=known(told, [s for s in seen if s.read.any()]))
+    readings = [_reading(day, entry) for entry in record.states.values() if entry.said not in ("", DOUBT, "kept")]
+    day = replace(day, known=known(told, [r for r in readings if r.read.any()]))
     old, states = mistakes or {}, record.states
     return replace(day, mistakes={s: old[s] if s in old else _mistake(day, states[s]) for s in record.doubtful})
 
 
-def _xyz(day: Day, entry: Entry) -> Array:
-    """Readings (M, 3) m of the judged markers of a state, NaN where not read."""
-    nothing = np.full(3, np.nan)
-    return np.array([entry.xyz.get(m, nothing) for m in day.expected.names])
+def _reading(day: Day, entry: Entry) -> StateReading:
+    """The readings of the judged markers of a state."""
+    xyz = np.array([entry.xyz.get(m, np.full(3, np.nan)) for m in day.expected.names])
+    return StateReading(entry.slot, xyz, entry.series)
 
 
 def _check(day: Day, readings: Mapping[str, Array], slot: Slot) -> None:
@@ -296,8 +345,7 @@ def _check(day: Day, readings: Mapping[str, Array], slot: Slot) -> None:
             problems.append(Problem(f"{where}: no position", found=found, allowed=f"x, y, z up to {_FAR:g} m"))
     if not readings:
         problems.append(Problem("no reading was given"))
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
 
 
 def _where(day: Day, slot: Slot) -> str:

@@ -1,4 +1,5 @@
-"""Is a reading as expected? Four questions to the markers of a state, each with its own yardstick.
+"""What every state of the day should read, and whether a reading is as expected: four questions to the markers of a
+state, each with its own yardstick.
 
 - Shape: markers of one link keep their distances.
 - Place: the first state of a visit is where the arm should be, in a frame that earlier visits give. The arm's own
@@ -13,19 +14,102 @@ the table is many times larger.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 import numpy.typing as npt
 
-from qsframework.applications.day.expected import Expected
 from qsframework.applications.day.record import Slot
+from qsframework.applications.importers.placing import motion_rows
+from qsframework.applications.inverse import poses_at
+from qsframework.applications.protocol import Protocol
+from qsframework.elastostatics import Model
 from qsframework.estimation.linear_fit import Whitened
 from qsframework.estimation.tails import chi2_sf, f_sf, normal_sf
+from qsframework.experiment import Experiment
 from qsframework.experiment.frames import Frame, procrustes
-from qsframework.plugin import Array
+from qsframework.plugin import Array, Poses
+from qsframework.robot.kinematics import joint_frames
+
+_SIGMA = 5e-5
+"""m: noise of a coordinate where the experiment states none."""
+_UNKNOWN = 0.5
+"""Share of its nominal value by which a spring may be off where no sd is stated."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Expected:
+    """The M markers of one link, that which carries most, at the N states of a day, base frame, m.
+
+    names: of these markers; those of other links are stored and not judged; at: place of each state; poses: of the N
+    states under their loads; place (N, M, 3): where the markers are; moved (N, M, 3): by how much the load moved them
+    there; slope (N, M, 3, p): its rates by the springs, whose sds are spread (p,); rotation (N, 3, 3): of the markers'
+    link; sigma, m: of a coordinate of a position; frames: series whose frame is known
+    """
+
+    experiment: Experiment
+    model: Model
+    protocol: Protocol
+    names: tuple[str, ...]
+    at: Mapping[Slot, int]
+    poses: Poses
+    place: Array
+    moved: Array
+    slope: Array
+    spread: Array
+    rotation: Array
+    sigma: float
+    frames: Mapping[str, Frame]
+
+    @property
+    def stated(self) -> Array:
+        """The markers (M, 3) m in their link's frame, as the experiment states them."""
+        return np.array([m.xyz for m in self.experiment.markers if m.name in self.names])
+
+    def standing(self, pendant: Array) -> Array:
+        """Where the markers are (N, M, 3) m at other angles (N, n) rad, without a load."""
+        all_ = self.model.positions(poses_at(self.experiment.robot, pendant, np.zeros((len(pendant), 6))))
+        return all_[:, [i for i, m in enumerate(self.experiment.markers) if m.name in self.names]]
+
+
+def expected(experiment: Experiment, protocol: Protocol) -> Expected:
+    """What the nominal arm would read at every state of a protocol."""
+    model = experiment.model()
+    slots = [Slot(v, k) for v, visit in enumerate(protocol.visits) for k in range(len(visit.states))]
+    pendant = np.stack([protocol.visits[s.visit].pendant for s in slots])
+    wrench = np.stack([protocol.visits[s.visit].states[s.state].wrench for s in slots])
+    _, one, where = np.unique(np.round(np.hstack([pendant, wrench]), 9), axis=0, return_index=True, return_inverse=True)
+    where = where.ravel()
+    poses = poses_at(experiment.robot, pendant[one], wrench[one])
+    names = experiment.spring_names()
+    place = model.positions(poses, loaded=True)
+    moved = place - model.positions(replace(poses, wrench=np.zeros_like(poses.wrench)))
+    slope = model.sensitivity(poses, None, names) if names else np.zeros((*place.shape, 0))
+    parameters = [model.parameters[i] for i in model.index(names)]
+    spread = np.array([p.sd or _UNKNOWN * abs(p.nominal) or p.typical for p in parameters])
+    links = [m.link for m in experiment.markers]
+    carrier = max(dict.fromkeys(links), key=links.count)
+    own = [i for i, name in enumerate(links) if name == carrier]
+    link = experiment.site(carrier, np.zeros(3)).link
+    rotation = joint_frames(model.facts, poses.q).matrix(link)
+    return Expected(
+        experiment=experiment,
+        model=model,
+        protocol=protocol,
+        names=tuple(experiment.markers[i].name for i in own),
+        at={s: i for i, s in enumerate(slots)},
+        poses=poses_at(experiment.robot, pendant, wrench),
+        place=place[where][:, own],
+        moved=moved[where][:, own],
+        slope=slope[where][:, own],
+        spread=spread,
+        rotation=np.asarray(rotation)[where],
+        sigma=experiment.noise.position or experiment.noise.sigma or _SIGMA,
+        frames={f.series: f for f in experiment.frames},
+    )
+
 
 Flags = npt.NDArray[np.bool_]
 LEVEL = 1e-5
@@ -78,8 +162,8 @@ class StateVerdict:
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
-    """An accepted state: readings (M, 3) m of the markers, NaN where not read, in the frame `series`."""
+class StateReading:
+    """A state as it was read: readings (M, 3) m of the markers, NaN where not read, in the frame `series`."""
 
     slot: Slot
     xyz: Array
@@ -87,7 +171,8 @@ class Seen:
 
     @property
     def read(self) -> Flags:
-        return was_read(self.xyz)
+        """Which markers (M,) were read."""
+        return np.asarray(np.isfinite(self.xyz).all(axis=1), dtype=np.bool_)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -109,7 +194,7 @@ class Known:
     """What the accepted states tell: the carrier's shape (M, 3), how many gave it, frames, and the springs."""
 
     expected: Expected
-    seen: tuple[Seen, ...]
+    states: tuple[StateReading, ...]
     shape: Array
     shapes: int
     placed: dict[str, _Placed]
@@ -121,60 +206,44 @@ class Known:
         P = self.expected.place[self.expected.at[slot]]
         return _laid(P, self.shape) if self.shapes else P
 
-    def visit(self, slot: Slot, series: str) -> list[Seen]:
-        """The accepted states of a visit in a series."""
-        return [s for s in self.seen if s.slot.visit == slot.visit and s.series == series and s.slot != slot]
 
-
-def was_read(xyz: Array) -> Flags:
-    """Which markers (M,) of readings (M, 3) were read."""
-    return np.asarray(np.isfinite(xyz).all(axis=1), dtype=np.bool_)
-
-
-def known(expected: Expected, seen: Sequence[Seen]) -> Known:
+def known(expected: Expected, states: Sequence[StateReading]) -> Known:
     """What accepted states tell, in the order in which they were read."""
-    shape, shapes = _shape(expected.stated, seen)
-    p = len(expected.spread)
+    stated = expected.stated
+    complete = [_laid(stated, s.xyz) for s in states if s.read.all() and _spread(stated)]
     start = Known(
         expected=expected,
-        seen=tuple(seen),
-        shape=shape,
-        shapes=shapes,
+        states=tuple(states),
+        shape=np.mean(complete, axis=0) if complete else stated,
+        shapes=len(complete),
         placed={},
-        springs=np.zeros(p),
+        springs=np.zeros(len(expected.spread)),
         spring_cov=np.diag(expected.spread**2),
     )
-    placed = {series: _frame(start, series) for series in dict.fromkeys(s.series for s in seen)}
-    there = {name: frame for name, frame in placed.items() if frame is not None}
-    there |= {n: _stated_frame(f) for n, f in expected.frames.items() if n not in there}
-    return _springs(replace(start, placed=there))
+    # a frame that the experiment states holds before anything was read in it
+    cov = np.diag(np.concatenate([_KNOWN, _TOOL]) ** 2)
+    placed = {
+        name: _Placed(frame=frame, mean=np.zeros(12), cov=cov, scale=1.0, freedom=_ARM_WEIGHT)
+        for name, frame in expected.frames.items()
+    }
+    frames = {series: _frame(start, series) for series in dict.fromkeys(s.series for s in states)}
+    placed |= {name: frame for name, frame in frames.items() if frame is not None}
+    return _springs(replace(start, placed=placed))
 
 
-def judge(
-    known: Known, slot: Slot, xyz: Array, series: str, share: float = 1.0, shift: Array | None = None
-) -> StateVerdict:
-    """The questions to readings (M, 3) m of a state, NaN where a marker was not read.
+def judge(known: Known, state: StateReading, share: float = 1.0, shift: Array | None = None) -> StateVerdict:
+    """The questions to the readings of a state.
 
     share: of the load that hangs there; shift (M, 3) m, base frame: what else moved the markers
     """
-    read = was_read(xyz)
-    checks = [_check_shape(known, xyz, read)]
-    before = known.visit(slot, series)
-    before = [s for s in before if (s.read & read).any()]
+    checks = [_check_shape(known, state)]
+    before = [s for s in known.states if s.slot.visit == state.slot.visit and s.series == state.series]
+    before = [s for s in before if s.slot != state.slot and (s.read & state.read).any()]
     if before:
-        checks.append(_check_motion(known, slot, xyz, series, before, share, shift))
+        checks.append(_check_motion(known, state, before, share, shift))
     else:
-        checks.append(_check_place(known, slot, xyz, series, read, share, shift))
-        checks.append(_check_repeat(known, slot, xyz, series, shift))
+        checks += [_check_place(known, state, share, shift), _check_repeat(known, state, shift)]
     return StateVerdict(tuple(c for c in checks if c is not None))
-
-
-def _shape(stated: Array, seen: Sequence[Seen]) -> tuple[Array, int]:
-    """The mean shape (M, 3) of the states that were read whole, in the stated one's axes, and of how many."""
-    whole = [s.xyz for s in seen if s.read.all()]
-    if not whole or not _spread(stated):
-        return stated, 0
-    return np.mean([_laid(stated, xyz) for xyz in whole], axis=0), len(whole)
 
 
 def _laid(onto: Array, points: Array) -> Array:
@@ -187,30 +256,22 @@ def _spread(points: Array) -> bool:
     return len(points) >= 3 and float(np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[1]) > _FLAT
 
 
-def _twist(points: Array, about: Array) -> Array:
-    """What a motion and a turn (6,) do to points (M, 3): (3 M, 6)."""
-    x, y, z = (points - about).T
-    zero = np.zeros_like(x)
-    turn = np.stack([[zero, z, -y], [-z, zero, x], [y, -x, zero]]).transpose(2, 0, 1)
-    return np.concatenate([np.tile(np.eye(3), (len(points), 1, 1)), turn], axis=2).reshape(-1, 6)
-
-
-def _rows(known: Known, slot: Slot, frame: Frame, read: Flags, place: Array) -> tuple[Array, Array]:
+def _rows(known: Known, state: StateReading, frame: Frame, place: Array) -> tuple[Array, Array]:
     """Columns (3 m, 12) of frame and carrier, and of the visit's own motion (3 m, 6), of the markers that were read."""
-    e, i = known.expected, known.expected.at[slot]
+    e, i = known.expected, known.expected.at[state.slot]
     there, centre = frame.apply(place), frame.apply(place.mean(axis=0)[None])[0]
-    own = _twist(there, centre)
+    own = motion_rows(there - centre)
     turned = frame.rotation @ e.rotation[i]
     carrier = np.concatenate([own[:, :3] @ turned, own[:, 3:] @ turned], axis=1)
-    rows = np.repeat(read, 3)
-    return np.concatenate([_twist(there, frame.origin), carrier], axis=1)[rows], own[rows]
+    rows = np.repeat(state.read, 3)
+    return np.concatenate([motion_rows(there - frame.origin), carrier], axis=1)[rows], own[rows]
 
 
 def _frame(known: Known, series: str) -> _Placed | None:
     """The frame by the first accepted state of every visit, generalised least squares; None where it cannot be told."""
     e = known.expected
-    first: dict[int, Seen] = {}
-    for s in known.seen:
+    first: dict[int, StateReading] = {}
+    for s in known.states:
         if s.series == series and s.read.any():
             first.setdefault(s.slot.visit, s)
     places = [known.place(s.slot) for s in first.values()]
@@ -223,7 +284,7 @@ def _frame(known: Known, series: str) -> _Placed | None:
     weight = np.concatenate([np.zeros(6) if stated is None else 1.0 / _KNOWN**2, 1.0 / _TOOL**2])
     blocks: list[tuple[Array, Array, Array]] = []
     for s, place in zip(first.values(), places, strict=True):
-        H, own = _rows(known, s.slot, frame, s.read, place)
+        H, own = _rows(known, s, frame, place)
         blocks.append((H, own, (s.xyz - frame.apply(place))[s.read].ravel()))
     more = max(6.0 * len(blocks) - 12.0, 0.0)
     mean, cov, square = _solved(e.sigma, known.shapes, blocks, weight, 1.0)
@@ -248,12 +309,6 @@ def _solved(
     return mean, cov, square
 
 
-def _stated_frame(frame: Frame) -> _Placed:
-    """A frame that the experiment states, before anything was read in it."""
-    cov = np.diag(np.concatenate([_KNOWN, _TOOL]) ** 2)
-    return _Placed(frame=frame, mean=np.zeros(12), cov=cov, scale=1.0, freedom=_ARM_WEIGHT)
-
-
 def _covariance(sigma: float, own: Array, scale: float, shapes: int) -> Array:
     """Of the markers of a visit (3 m, 3 m): the arm's own motion, the carrier's shape, the noise."""
     shape = sigma**2 / shapes if shapes else _STATED**2
@@ -273,9 +328,9 @@ def _likeliest(told: Sequence[tuple[Array, Array, Array]], held: Array) -> tuple
 def _springs(known: Known) -> Known:
     """The springs after every accepted state that differs from an earlier one of its visit."""
     told: list[tuple[Array, Array, Array]] = []
-    for i, s in enumerate(known.seen):
-        before = [b for b in known.seen[:i] if b.slot.visit == s.slot.visit and b.series == s.series]
-        made = _difference(known, s.slot, s.xyz, s.series, before, 1.0, None)
+    for i, s in enumerate(known.states):
+        before = [b for b in known.states[:i] if b.slot.visit == s.slot.visit and b.series == s.series]
+        made = _difference(known, s, before, 1.0, None)
         told += [] if made is None else [made[:3]]
     if not told or not len(known.springs):
         return known
@@ -284,17 +339,17 @@ def _springs(known: Known) -> Known:
 
 
 def _difference(
-    known: Known, slot: Slot, xyz: Array, series: str, before: Sequence[Seen], share: float, shift: Array | None
+    known: Known, state: StateReading, before: Sequence[StateReading], share: float, shift: Array | None
 ) -> tuple[Array, Array, Array, Array] | None:
     """Residual (3 m,) of what a state differs by from earlier ones, its rates by the springs, its covariance without
     theirs, and what the springs as known would give; None where no frame is known."""
-    e, i, placed = known.expected, known.expected.at[slot], known.placed.get(series)
+    e, i, placed = known.expected, known.expected.at[state.slot], known.placed.get(state.series)
     if not before or placed is None:
         return None
     still = [b for b in before if not e.moved[e.at[b.slot]].any()] or list(before)
     start = np.array([b.xyz for b in still])
     count = np.isfinite(start).all(axis=2).sum(axis=0)
-    rows = (count > 0) & was_read(xyz)
+    rows = (count > 0) & state.read
     if not rows.any():
         return None
     was = np.nansum(np.nan_to_num(start), axis=0)[rows] / count[rows, None]
@@ -306,7 +361,7 @@ def _difference(
     J = np.einsum("ab,mbp->map", R, slope[rows]).reshape(3 * int(rows.sum()), -1)
     D = (moved + shift)[rows] @ R.T
     bent = J @ known.springs
-    r = (xyz[rows] - was - D).ravel() - bent
+    r = (state.xyz[rows] - was - D).ravel() - bent
     law = _LAW * float(np.linalg.norm(moved[rows], axis=1).max(initial=0.0))
     common = np.tile(np.eye(3), (int(rows.sum()), 1))
     own = np.repeat(e.sigma**2 * (1.0 + 1.0 / count[rows]), 3)
@@ -315,9 +370,9 @@ def _difference(
 
 
 def _check_motion(
-    known: Known, slot: Slot, xyz: Array, series: str, before: Sequence[Seen], share: float, shift: Array | None
+    known: Known, state: StateReading, before: Sequence[StateReading], share: float, shift: Array | None
 ) -> Check | None:
-    made = _difference(known, slot, xyz, series, before, share, shift)
+    made = _difference(known, state, before, share, shift)
     if made is None:
         return None
     r, J, C, D = made
@@ -346,15 +401,14 @@ def _too_little(r: Array, J: Array, C: Array, D: Array, cov: Array) -> float:
     return float(normal_sf(least))
 
 
-def _check_place(
-    known: Known, slot: Slot, xyz: Array, series: str, read: Flags, share: float, shift: Array | None
-) -> Check | None:
-    e, i, placed = known.expected, known.expected.at[slot], known.placed.get(series)
+def _check_place(known: Known, state: StateReading, share: float, shift: Array | None) -> Check | None:
+    e, i, placed = known.expected, known.expected.at[state.slot], known.placed.get(state.series)
+    read = state.read
     if placed is None or not read.any():
         return None
-    place = known.place(slot) + (share - 1.0) * e.moved[i] + (0.0 if shift is None else shift)
-    H, own = _rows(known, slot, placed.frame, read, place)
-    r = (xyz - placed.frame.apply(place))[read].ravel() - H @ placed.mean
+    place = known.place(state.slot) + (share - 1.0) * e.moved[i] + (0.0 if shift is None else shift)
+    H, own = _rows(known, state, placed.frame, place)
+    r = (state.xyz - placed.frame.apply(place))[read].ravel() - H @ placed.mean
     Q, R = np.linalg.qr(own)
     Q = Q[:, np.abs(np.diag(R)) > 1e-6]
     S = _covariance(e.sigma, own, placed.scale, known.shapes) + H @ placed.cov @ H.T
@@ -364,29 +418,28 @@ def _check_place(
     return Check("place", p, float(np.sqrt(3.0 * np.mean(r**2))))
 
 
-def _check_repeat(known: Known, slot: Slot, xyz: Array, series: str, shift: Array | None) -> Check | None:
+def _check_repeat(known: Known, state: StateReading, shift: Array | None) -> Check | None:
     """A state against those of earlier visits of its pose under the same load."""
     e, visits = known.expected, known.expected.protocol.visits
-    here, wrench = visits[slot.visit].pose, e.poses.wrench[e.at[slot]]
-    alike = [s for s in known.seen if s.series == series and visits[s.slot.visit].pose == here]
-    before = [s.xyz for s in alike if np.array_equal(e.poses.wrench[e.at[s.slot]], wrench)]
-    rows = was_read(xyz)
-    rows &= np.asarray(sum((was_read(b).astype(int) for b in before), np.zeros(len(xyz))) > 0)
+    pose, wrench = visits[state.slot.visit].pose, e.poses.wrench[e.at[state.slot]]
+    alike = [s for s in known.states if s.series == state.series and visits[s.slot.visit].pose == pose]
+    before = [s for s in alike if np.array_equal(e.poses.wrench[e.at[s.slot]], wrench)]
+    rows = state.read & np.any([s.read for s in before], axis=0)
     if not rows.any():
         return None
-    there = xyz[rows]
-    r: Array = there - np.asarray(np.nanmean(np.array(before)[:, rows], axis=0), dtype=np.float64)
-    if shift is not None and series in known.placed:
-        r = r - shift[rows] @ known.placed[series].frame.rotation.T
-    own = _twist(there, there.mean(axis=0)) * _AGAIN
+    there = state.xyz[rows]
+    r: Array = there - np.asarray(np.nanmean([s.xyz[rows] for s in before], axis=0), dtype=np.float64)
+    if shift is not None and state.series in known.placed:
+        r = r - shift[rows] @ known.placed[state.series].frame.rotation.T
+    own = motion_rows(there - there.mean(axis=0)) * _AGAIN
     S = own @ own.T + 2.0 * e.sigma**2 * np.eye(3 * len(there))
     square = float(r.ravel() @ np.linalg.solve(S, r.ravel()))
     return Check("repeat", float(chi2_sf(square, r.size)), float(np.sqrt(3.0 * np.mean(r**2))))
 
 
-def _check_shape(known: Known, xyz: Array, read: Flags) -> Check | None:
+def _check_shape(known: Known, state: StateReading) -> Check | None:
     """The distances of the markers against those of the shape, the worst of them, counted as the best of many."""
-    pairs = list(combinations(np.flatnonzero(read).tolist(), 2))
+    xyz, pairs = state.xyz, list(combinations(np.flatnonzero(state.read).tolist(), 2))
     if not pairs:
         return None
     sigma = known.expected.sigma

@@ -6,13 +6,13 @@ seldom of a tracker that was moved.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, permutations, product
 
 import numpy as np
 
-from qsframework.applications.day.judge import Known, StateVerdict, judge, was_read
+from qsframework.applications.day.judge import Known, StateReading, judge
 from qsframework.applications.day.record import Slot
 from qsframework.plugin import Array
 
@@ -48,45 +48,44 @@ class Explanation:
     or_: tuple[Explanation, ...] = ()
 
 
-def most_likely(known: Known, slot: Slot, xyz: Array, series: str) -> Explanation:
-    """The plainest mistake that makes readings (M, 3) m of a state right; kind "unknown" where none does."""
+def most_likely(known: Known, state: StateReading) -> Explanation:
+    """The plainest mistake that makes the readings of a state right; kind "unknown" where none does."""
     for rank in (_typed, _placed, _part, _angle, _moved):
-        found = [m for m in rank(known, slot, xyz, series) if m.p >= _RIGHT]
-        if found:
-            best, *others = sorted(found, key=lambda m: -m.p)
-            told = {(best.kind, best.what)}
-            rest = [m for m in others if (m.kind, m.what) not in told and m.p > 0.01 * best.p]
-            return Explanation(kind=best.kind, what=best.what, p=best.p, xyz=best.xyz, or_=tuple(rest[:2]))
+        likely = sorted((m for m in rank(known, state) if m.p >= _RIGHT), key=lambda m: -m.p)
+        if likely:
+            best = likely[0]
+            rest = [m for m in likely if (m.kind, m.what) != (best.kind, best.what) and m.p > 0.01 * best.p]
+            return replace(best, or_=tuple(rest[:2]))
     return Explanation(kind="unknown")
 
 
-def _tried(known: Known, slot: Slot, xyz: Array, series: str, kind: str, what: tuple[str, ...]) -> Explanation:
-    return Explanation(kind=kind, what=what, p=judge(known, slot, xyz, series).p, xyz=xyz)
+def _typed(known: Known, state: StateReading) -> Iterator[Explanation]:
+    """Markers exchanged, a unit, a sign, two axes, a decimal: each with what was meant."""
+    for kind, what, xyz in _retyped(known.expected.names, state):
+        yield Explanation(kind=kind, what=what, p=judge(known, replace(state, xyz=xyz)).p, xyz=xyz)
 
 
-def _typed(known: Known, slot: Slot, xyz: Array, series: str) -> Iterator[Explanation]:
-    """Markers exchanged, a unit, a sign, two axes, a decimal."""
-    names, read = known.expected.names, np.flatnonzero(was_read(xyz))
+def _retyped(names: Sequence[str], state: StateReading) -> Iterator[tuple[str, tuple[str, ...], Array]]:
+    """Kind, names for the words, and readings (M, 3) m as they may have been meant."""
+    xyz, read = state.xyz, np.flatnonzero(state.read)
     for order in _orders(len(read)):
         other = xyz.copy()
         other[read] = xyz[read[list(order)]]
         exchanged = tuple(names[int(read[i])] for i, j in enumerate(order) if i != j)
-        yield _tried(known, slot, other, series, "markers", exchanged)
-    for unit, factor in _UNITS.items():
-        yield _tried(known, slot, factor * xyz, series, "unit", (unit,))
+        yield "markers", exchanged, other
+    yield from (("unit", (unit,), factor * xyz) for unit, factor in _UNITS.items())
     for signs in product((1.0, -1.0), repeat=3):
         if min(signs) < 0.0:
-            what = tuple(a for a, s in zip("xyz", signs, strict=True) if s < 0.0)
-            yield _tried(known, slot, xyz * signs, series, "sign", what)
+            yield "sign", tuple(a for a, s in zip("xyz", signs, strict=True) if s < 0.0), xyz * signs
     for axes in permutations(range(3)):
         if axes != (0, 1, 2):
-            yield _tried(known, slot, xyz[:, list(axes)], series, "axes", tuple("xyz"[i] for i in axes))
+            yield "axes", tuple("xyz"[i] for i in axes), xyz[:, list(axes)]
     for m, k in product(map(int, read), range(3)):
         for factor in (*_DECIMALS, -1.0):
             other = xyz.copy()
             other[m, k] *= factor
             kind = "sign of one" if factor < 0.0 else "decimal"
-            yield _tried(known, slot, other, series, kind, (names[m], "xyz"[k], f"{1e3 * other[m, k]:.3f}"))
+            yield kind, (names[m], "xyz"[k], f"{1e3 * other[m, k]:.3f}"), other
 
 
 def _orders(count: int) -> Iterator[tuple[int, ...]]:
@@ -101,60 +100,52 @@ def _orders(count: int) -> Iterator[tuple[int, ...]]:
         yield tuple(order)
 
 
-def _placed(known: Known, slot: Slot, xyz: Array, series: str) -> Iterator[Explanation]:
+def _placed(known: Known, state: StateReading) -> Iterator[Explanation]:
     """Another pose's readings, another load than the protocol's."""
-    protocol = known.expected.protocol
-    state = protocol.visits[slot.visit].states[slot.state]
-    if state.loaded:
+    visits, slot = known.expected.protocol.visits, state.slot
+    visit = visits[slot.visit]
+    loaded = visit.states[slot.state].loaded
+    if loaded:
         for share, what in _SHARES.items():
-            p = judge(known, slot, xyz, series, share).p
-            yield Explanation(kind="no load" if share == 0.0 else "load", what=(what,), p=p)
-        yield Explanation(kind="exchanged", p=judge(known, slot, xyz, series, -1.0).p)
+            kind = "no load" if share == 0.0 else "load"
+            yield Explanation(kind=kind, what=(what,), p=judge(known, state, share).p)
+        yield Explanation(kind="exchanged", p=judge(known, state, -1.0).p)
     else:
-        for k, other in enumerate(protocol.visits[slot.visit].states):
+        for k, other in enumerate(visit.states):
             if other.loaded:
-                p = judge(known, Slot(slot.visit, k), xyz, series).p
+                p = judge(known, replace(state, slot=Slot(slot.visit, k))).p
                 yield Explanation(kind="still loaded", what=(other.load_id,), p=p)
-    here = protocol.visits[slot.visit].pose
-    for v, visit in enumerate(protocol.visits):
-        if visit.pose == here:
+    for v, elsewhere in enumerate(visits):
+        if elsewhere.pose == visit.pose:
             continue
-        there = Slot(v, next((k for k, s in enumerate(visit.states) if s.loaded == state.loaded), 0))
-        alone = judge(_apart(known, v), there, xyz, series)
-        if any(c.kind == "place" for c in alone.checks):
-            yield Explanation(kind="pose", what=(visit.pose,), p=alone.p)
+        at = Slot(v, next((k for k, s in enumerate(elsewhere.states) if s.loaded == loaded), 0))
+        # without the states of that visit to compare with, the place alone is asked
+        apart = replace(known, states=tuple(s for s in known.states if s.slot.visit != v))
+        verdict = judge(apart, replace(state, slot=at))
+        if any(c.kind == "place" for c in verdict.checks):
+            yield Explanation(kind="pose", what=(elsewhere.pose,), p=verdict.p)
 
 
-def _apart(known: Known, visit: int) -> Known:
-    """What is known, without the states of a visit to compare with: the place alone is asked."""
-    seen = tuple(s for s in known.seen if s.slot.visit != visit)
-    return replace(known, seen=seen)
-
-
-def _part(known: Known, slot: Slot, xyz: Array, series: str) -> Iterator[Explanation]:
+def _part(known: Known, state: StateReading) -> Iterator[Explanation]:
     """One marker that is off alone: a reflector that does not sit in its nest, a number typed wrongly."""
-    read = np.flatnonzero(was_read(xyz))
-    if len(read) < 3:
-        return
-    for m in map(int, read):
-        rest = xyz.copy()
+    read = np.flatnonzero(state.read)
+    for m in map(int, read) if len(read) >= 3 else ():
+        rest = state.xyz.copy()
         rest[m] = np.nan
-        verdict: StateVerdict = judge(known, slot, rest, series)
-        yield Explanation(kind="marker", what=(known.expected.names[m],), p=verdict.p)
+        yield Explanation(kind="marker", what=(known.expected.names[m],), p=judge(known, replace(state, xyz=rest)).p)
 
 
-def _angle(known: Known, slot: Slot, xyz: Array, series: str) -> Iterator[Explanation]:
+def _angle(known: Known, state: StateReading) -> Iterator[Explanation]:
     """One joint that stands elsewhere than the protocol says: Gauss-Newton on its angle, all joints at once."""
-    e, placed = known.expected, known.placed.get(series)
-    read = was_read(xyz)
+    e, placed, read = known.expected, known.placed.get(state.series), state.read
     if placed is None or not read.any():
         return
-    visit = e.protocol.visits[slot.visit]
+    visit = e.protocol.visits[state.slot.visit]
     n = len(visit.pendant)
     home = e.standing(visit.pendant[None])[0]
     delta = np.zeros(n)
-    target = (xyz - placed.frame.origin) @ placed.frame.rotation  # as the base sees the readings
-    place = known.place(slot) - home  # what load and carrier add to the nominal markers
+    target = (state.xyz - placed.frame.origin) @ placed.frame.rotation  # as the base sees the readings
+    place = known.place(state.slot) - home  # what load and carrier add to the nominal markers
     for _ in range(_ROUNDS):
         ends = visit.pendant + np.concatenate([np.diag(delta), np.diag(delta + _STEP)])
         there = e.standing(ends)
@@ -167,15 +158,15 @@ def _angle(known: Known, slot: Slot, xyz: Array, series: str) -> Iterator[Explan
         angle = float(visit.pendant[k] + delta[k])
         if abs(delta[k]) < _LEAST_ANGLE or not controller.lower[k] - 1.0 <= angle <= controller.upper[k] + 1.0:
             continue
-        p = judge(known, slot, xyz, series, shift=shifts[k]).p
+        p = judge(known, state, shift=shifts[k]).p
         if p >= _RIGHT:
             joint = e.experiment.robot.facts.driven[k]
             unit = controller.units[k]
             yield Explanation(kind="angle", what=(f"q{k + 1}", joint, f"{unit.per * delta[k]:+.2f} {unit.shown}"), p=p)
 
 
-def _moved(known: Known, slot: Slot, xyz: Array, series: str) -> Iterator[Explanation]:
+def _moved(known: Known, state: StateReading) -> Iterator[Explanation]:
     """All markers moved together: the tracker, its base, or the whole arm stands elsewhere."""
-    if series in known.placed and int(was_read(xyz).sum()) >= 3:
-        own = [c.p for c in judge(known, slot, xyz, "").checks if c.kind == "shape"]
-        yield Explanation(kind="tracker", p=min(own, default=0.0))
+    if state.series in known.placed and int(state.read.sum()) >= 3:
+        verdict = judge(known, replace(state, series=""))
+        yield Explanation(kind="tracker", p=min((c.p for c in verdict.checks if c.kind == "shape"), default=0.0))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from qsframework.applications.protocol import Protocol, ProtocolState, Visit, floor_file
+from qsframework.applications.protocol import Protocol, ProtocolState, Visit, floor_file, row_start
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment
 from qsframework.experiment.columns import (
@@ -25,11 +25,10 @@ from qsframework.experiment.columns import (
     WRENCH_NAMES,
     XYZ,
     Table,
-    joint_cells,
     joint_stems,
-    number,
     write_table,
 )
+from qsframework.experiment.readings_table import STATES
 from qsframework.files import write_bytes
 from qsframework.files.journal import Journal
 from qsframework.plugin import Array
@@ -288,38 +287,20 @@ def _comments(protocol: Protocol) -> list[str]:
     return [f"robot: {protocol.robot}", f"made from {LOG}: what is changed here is overwritten"]
 
 
-def _header(protocol: Protocol) -> list[str]:
-    header = ["pose", *protocol.units.names(), *WRENCH_NAMES, "marker", "state"]
-    header += ["x_mm", "y_mm", "z_mm", "load_id", "series", "repeat", "cycle", "time_s", "drive_state", "use"]
-    return header
-
-
-def _cells(protocol: Protocol, entry: Entry, began: float) -> Iterator[list[str]]:
-    """The rows of a state."""
-    visit = protocol.visits[entry.slot.visit]
-    state = visit.states[entry.slot.state]
-    for marker, xyz in entry.xyz.items():
-        yield [
-            visit.pose,
-            *joint_cells(entry.pendant, protocol.units),
-            *([number(v) for v in entry.wrench.tolist()] if state.loaded else [""] * 6),
-            marker,
-            "loaded" if state.loaded else "unloaded",
-            *(f"{1e3 * v:.4f}" for v in xyz.tolist()),
-            state.load_id,
-            entry.series,
-            str(visit.repeat),
-            str(state.cycle),
-            f"{entry.time - began:.0f}",
-            protocol.options.drive,
-            "0" if entry.said == DOUBT else "1",
-        ]
-
-
 def write_readings(path: Path, protocol: Protocol, entries: Sequence[Entry], began: float) -> None:
     """A table of states, those that wait for a decision out of use."""
-    rows = [cells for entry in entries for cells in _cells(protocol, entry, began)]
-    write_table(path, _header(protocol), rows, _comments(protocol))
+    header = ["pose", *protocol.units.names(), *WRENCH_NAMES, "marker", "state"]
+    header += ["x_mm", "y_mm", "z_mm", "load_id", "series", "repeat", "cycle", "time_s", "drive_state", "use"]
+    rows: list[list[str]] = []
+    for entry in entries:
+        visit = protocol.visits[entry.slot.visit]
+        state = visit.states[entry.slot.state]
+        start = row_start(protocol, visit, state, entry.pendant, entry.wrench).values()
+        counts = [state.load_id, entry.series, str(visit.repeat), str(state.cycle), f"{entry.time - began:.0f}"]
+        for marker, xyz in entry.xyz.items():
+            cells = [*start, marker, STATES[state.loaded], *(f"{1e3 * v:.4f}" for v in xyz.tolist()), *counts]
+            rows.append([*cells, protocol.options.drive, "0" if entry.said == DOUBT else "1"])
+    write_table(path, header, rows, _comments(protocol))
 
 
 def rows_of(table: Table, experiment: Experiment, protocol: Protocol) -> list[Entry]:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qsframework.applications.day.day import Day
-from qsframework.applications.day.expected import Expected
+from qsframework.applications.day.judge import Expected
 from qsframework.applications.day.record import TABLE, Entry, write_readings
 from qsframework.design import design
 from qsframework.design.problem import joint_sd

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import compress
 from pathlib import Path
 
 import numpy as np
 
 from qsframework.errors import refuse
-from qsframework.experiment import Experiment, Plan, read_plan
+from qsframework.experiment import Experiment, read_plan
 from qsframework.experiment.columns import WRENCH, XYZ, joint_stems, read_table
 from qsframework.experiment.readings_table import header_of, state_columns
 from qsframework.experiment.stations import seen_markers
@@ -52,37 +53,31 @@ class Campaign:
         """What is to be measured, in no order."""
         return frozenset(self.order)
 
-    def with_poses(self, poses: Mapping[str, Array]) -> Campaign:
-        """The same with the poses of a joint log, in its order."""
-        return replace(self, poses=poses)
-
 
 EMPTY = Campaign(poses={}, loads={}, order=(), names={})
 
 
 def read_campaign(path: Path, experiment: Experiment) -> Campaign:
     """A plan.csv, or the table of states that `qsf protocol` writes."""
-    if "state" in header_of(path):
-        return _of_table(path, experiment)
-    return of_plan(read_plan(path, experiment), experiment, path)
+    return (_of_table if "state" in header_of(path) else _of_plan)(path, experiment)
 
 
-def of_plan(plan: Plan, experiment: Experiment, path: Path | None = None) -> Campaign:
+def _of_plan(path: Path, experiment: Experiment) -> Campaign:
     """Every pose unloaded and then loaded, all markers each time, as often as the plan repeats it; where the experiment
     has no load, none hung."""
-    names = np.array(experiment.marker_names)
-    seen = seen_markers(experiment, plan.q, plan.stations)
-    each = [names[own].tolist() for own in seen]
+    plan = read_plan(path, experiment)
+    visible = seen_markers(experiment, plan.q, plan.stations)
+    loads = {p: {"": w} for p, w in zip(plan.pose, plan.wrench, strict=True) if np.any(w) and experiment.has_load}
     order = tuple(
         PlanSlot(pose, marker, loaded, repeat=repeat)
-        for pose, repeats, wrench, markers in zip(plan.pose, plan.repeats, plan.wrench, each, strict=True)
+        for pose, repeats, flags in zip(plan.pose, plan.repeats, visible, strict=True)
         for repeat in range(1, repeats + 1)
-        for loaded in ((False, True) if np.any(wrench) and experiment.has_load else (False,))
-        for marker in markers
+        for loaded in ((False, True) if pose in loads else (False,))
+        for marker in compress(experiment.marker_names, flags)
     )
     return Campaign(
         poses=dict(zip(plan.pose, plan.pendant, strict=True)),
-        loads={p: {"": w} for p, w in zip(plan.pose, plan.wrench, strict=True) if np.any(w) and experiment.has_load},
+        loads=loads,
         order=order,
         names={p: {"": name} for p, name in zip(plan.pose, plan.load, strict=True)},
         source=path,
@@ -92,17 +87,12 @@ def of_plan(plan: Plan, experiment: Experiment, path: Path | None = None) -> Cam
 
 def _of_table(path: Path, experiment: Experiment) -> Campaign:
     table = read_table(path, state_columns(experiment), experiment.robot.name)
-    problems = [p for p in table.problems if p.column not in {table.names.get(a) for a in XYZ}]
-    refuse(problems)
+    refuse([p for p in table.problems if p.column not in {table.names.get(a) for a in XYZ}])
     pendant = table.columns(joint_stems(experiment.robot.controller.axes))
     wrench = np.nan_to_num(table.columns(WRENCH, 0.0))
-    words = [table.text(stem) for stem in ("pose", "marker", "state", "load_id")]
-    slots = [
-        PlanSlot(pose, marker, state == "loaded", load, repeat, cycle)
-        for pose, marker, state, load, repeat, cycle in zip(
-            *words, table.counts("repeat"), table.counts("cycle"), strict=True
-        )
-    ]
+    loaded = [state == "loaded" for state in table.text("state")]
+    words = [table.text("pose"), table.text("marker"), loaded, table.text("load_id")]
+    slots = list(map(PlanSlot, *words, table.counts("repeat"), table.counts("cycle")))
     wrenches: dict[str, dict[str, Array]] = {}
     for slot, force in zip(slots, wrench, strict=True):
         if slot.loaded:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import compress
 from pathlib import Path
 
 import numpy as np
@@ -24,14 +23,12 @@ from qsframework.applications.importers.layout import Sheet
 from qsframework.applications.importers.matching import (
     TrackerPoint,
     check_order_meant,
-    check_twice,
     match_names,
     match_nearest,
     match_order,
     read_points,
     without_idle_names,
 )
-from qsframework.applications.importers.names import plain
 from qsframework.applications.importers.placing import (
     Aligned,
     Placed,
@@ -50,11 +47,12 @@ from qsframework.applications.importers.tables import (
     interpret,
     stated_units,
 )
+from qsframework.applications.importers.vocabulary import plain
 from qsframework.applications.importers.writing import own_rows, readings_rows
 from qsframework.applications.options import ImportOptions
 from qsframework.arguments import checked
 from qsframework.errors import InputError, Problem, all_of, refuse
-from qsframework.experiment import Experiment, Frame, Readings
+from qsframework.experiment import Experiment, Readings
 from qsframework.experiment.readings_file import readings_of
 from qsframework.plugin import Array
 
@@ -112,7 +110,11 @@ def import_readings(
         if len(sheets) > 1:
             where = ", ".join(sheet.where for sheet, _ in ours)
             raise InputError(Problem("is a table of readings already; import it by itself", where))
-        return _rewritten(*ours[0], experiment)
+        sheet, rows = ours[0]
+        readings = _read_back(sheet.header, rows, experiment, [(sheet.where, r.line) for r in sheet.rows], {})
+        return Imported(
+            header=sheet.header, rows=rows, readings=readings, match="columns", angles="columns", sheets=(sheet,)
+        )
     joints = experiment.robot.facts.driven
     check_columns(sheets, options.columns, len(joints))
     listings = all_of(partial(interpret, s, options, units, joints) for s in sheets)
@@ -123,30 +125,23 @@ def import_readings(
     if len(logs) > 1:
         where = ", ".join(li.sheet.where for li in logs)
         raise InputError(Problem("several joint logs", where, hint="Join them into one file, or import day by day."))
-    known = None if options.align in ("", UNLOADED) else _known(Path(options.align), options, units, joints)
-    return _Import(experiment, lists, logs[0] if logs else None, known, plan, options).run()
+    base = None
+    if options.align not in ("", UNLOADED):
+        base = interpret(read_sheet(Path(options.align), replace(options, sheet="", ignore=())), options, units, joints)
+        _check_base_points(base, options.align)
+    return _Import(experiment, lists, logs[0] if logs else None, base, plan, options).run()
 
 
-def _known(path: Path, options: ImportOptions, units: Mapping[str, str], joints: Sequence[str]) -> Listing:
-    """A file of known points in the base frame."""
-    listing = interpret(read_sheet(path, replace(options, sheet="", ignore=())), options, units, joints)
+def _check_base_points(listing: Listing, path: str) -> None:
+    """InputError where a listing is none of points in the base frame, each with a name."""
     if not listing.is_points or "name" not in listing.texts or listing.hidden.any():
-        raise InputError(Problem("known points have a name and x, y, z in the base frame", str(path)))
+        raise InputError(Problem("known points have a name and x, y, z in the base frame", path))
     if not listing.unit:
         hint = "Write it into the heading, as x_mm."
-        raise InputError(Problem("nothing says the unit of the known points", str(path), hint=hint))
-    names = [plain(n) for n in listing.texts["name"]]
+        raise InputError(Problem("nothing says the unit of the known points", path, hint=hint))
+    names = listing.plain_names
     twice = [i for i, n in enumerate(names) if n in names[:i]]
     refuse([listing.problem(i, "name", "this name stands here twice") for i in twice])
-    return listing
-
-
-def _rewritten(sheet: Sheet, rows: tuple[tuple[str, ...], ...], experiment: Experiment) -> Imported:
-    """One of our own tables that a spreadsheet saved with its separator and decimal sign."""
-    readings = _read_back(sheet.header, rows, experiment, [(sheet.where, r.line) for r in sheet.rows], {})
-    return Imported(
-        header=sheet.header, rows=rows, readings=readings, match="columns", angles="columns", sheets=(sheet,)
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +151,7 @@ class _Import:
     experiment: Experiment
     lists: list[Listing]
     log: Listing | None
-    known: Listing | None
+    base: Listing | None
     plan: Path | None
     options: ImportOptions
 
@@ -164,20 +159,13 @@ class _Import:
     def joints(self) -> int:
         return self.experiment.robot.controller.axes
 
-    def _check_travels(self) -> None:
-        """InputError where a file states joints of an arm on which one slides: they are read as angles."""
-        sliding = [f"q{k + 1}" for k, slides in enumerate(self.experiment.robot.controller.units.sliding) if slides]
-        for listing in (*self.lists, *(x for x in (self.log,) if x is not None)):
-            if sliding and any(role in listing.numbers for role in sliding):
-                message = f"states {', '.join(sliding)}, which slide on this arm; only angles are imported so far"
-                hint = "Give a plan, and leave the joints out of the file."
-                raise InputError(Problem(message, listing.sheet.where, hint=hint))
-
     def run(self) -> Imported:
         options, experiment = self.options, self.experiment
         campaign, lists, how, logged = self._with_poses()
         points, ignored = read_points(lists, campaign, experiment, options)
-        points, known = self._parted(points)
+        names = set(self.base.plain_names) if self.base is not None else set[str]()
+        in_base = [p for p in points if not names.isdisjoint(_names_in_base(p))]
+        points = [p for p in points if names.isdisjoint(_names_in_base(p))]
         blind = tuple(p for p in points if p.hidden)
         if options.match == "names":
             check_order_meant(points, campaign, experiment)
@@ -185,25 +173,29 @@ class _Import:
             points = [p for p in points if not p.hidden]
         if not points:
             raise InputError(Problem("no point is left to take", ", ".join(li.sheet.where for li in lists)))
-        aligned = self._known_frame(known)
-        points = [_of_station(p, campaign) for p in self._matched(points, campaign, aligned)]
+        aligned = self._base_frames(in_base)
+        points = self._matched(points, campaign, aligned)
+        points = [p if p.series else replace(p, series=campaign.stations.get(p.taken.pose, "")) for p in points]
         pendant = self._angles(points, campaign, how, logged)[[not p.hidden for p in points]]
         points = [p for p in points if not p.hidden]
-        there = expected_places(points, pendant, experiment)
-        check_units(points, there)
-        placed = check_places(points, pendant, there, campaign, experiment, options.within)
+        places = expected_places(points, pendant, experiment)
+        check_units(points, places)
+        placed = check_places(points, pendant, places, campaign, experiment, options.within)
         if options.align == UNLOADED:
-            aligned = _unloaded_frames(points, there)
+            aligned = _unloaded_frames(points, places)
         header, rows = readings_rows(points, pendant, experiment.robot.controller.units, campaign)
         origins = [(p.listing.sheet.where, p.line) for p in points]
+        columns = {t.role: t.column for t in points[0].listing.taken}
+        written = {"x_mm": "x", "y_mm": "y", "z_mm": "z", "pose": "name", "marker": "name"}
+        sources = {name: columns[role] for name, role in written.items() if role in columns}
         slots = {p.slot for p in points}
         return Imported(
             header=tuple(header),
-            rows=tuple(tuple(r) for r in rows),
-            readings=_read_back(header, rows, experiment, origins, _sources(points)),
+            rows=tuple(map(tuple, rows)),
+            readings=_read_back(header, rows, experiment, origins, sources),
             match=options.match,
             angles=how,
-            files=(*lists, *(x for x in (self.log, self.known) if x is not None)),
+            files=(*lists, *filter(None, (self.log, self.base))),
             points=tuple(points),
             missing=tuple(s for s in campaign.order if s not in slots),
             ignored=tuple(ignored),
@@ -216,15 +208,20 @@ class _Import:
         """The campaign with its poses, the lists, where the angles are from, and the poses that a log names."""
         campaign = EMPTY if self.plan is None else read_campaign(self.plan, self.experiment)
         lists = [without_idle_names(li, campaign, self.experiment, self.options) for li in self.lists]
-        self._check_travels()
+        sliding = [f"q{k + 1}" for k, slides in enumerate(self.experiment.robot.controller.units.sliding) if slides]
+        for listing in filter(None, (*lists, self.log)):
+            if not listing.numbers.keys().isdisjoint(sliding):  # they would be read as angles
+                message = f"states {', '.join(sliding)}, which slide on this arm; only angles are imported so far"
+                hint = "Give a plan, and leave the joints out of the file."
+                raise InputError(Problem(message, listing.sheet.where, hint=hint))
         how = self._join(campaign)
         logged: list[str] = []
         if self.log is not None and how == "names":
             logged = names_of(self.log, campaign, self.options.names)
             if not campaign.poses:
-                campaign = campaign.with_poses(poses_of(self.log, logged, self.joints))
+                campaign = replace(campaign, poses=poses_of(self.log, logged, self.joints))
         if not campaign.poses:
-            campaign, lists = self._found_poses(lists, how)
+            campaign, lists = self._poses_of_points(lists, how)
         return campaign, lists, how, logged
 
     def _join(self, campaign: Campaign) -> str:
@@ -240,13 +237,15 @@ class _Import:
         if any(names_of(self.log, campaign, self.options.names)):
             return "names"
         message = "nothing says how the rows of this joint log belong to the points: it names no pose"
-        hint, argument = "State it: in their order, or by the time of every point.", ("join", "order")
+        hint = "State it: in their order, or by the time of every point."
+        argument = ("join", "order")
         raise InputError(self.log.sheet.problem(None, message, hint=hint, argument=argument))
 
     def _no_angles(self) -> Problem:
         """Nothing says the angles; where as many columns speak of joints as there are, these are proposed."""
         where = ", ".join(li.sheet.where for li in self.lists)
-        message, hint = "nothing says at which angles the points were read", "Give a plan, or a joint log."
+        message = "nothing says at which angles the points were read"
+        hint = "Give a plan, or a joint log."
         argument = ("plan", "plan.csv")
         named = [name for name in self.lists[0].left if re.search("joint|wrist|elbow", name.lower())]
         if len(named) == self.joints:
@@ -258,7 +257,7 @@ class _Import:
             argument = ("map", ",".join(f"{role}={name}" for role, name in pairs))
         return Problem(message, where, hint=hint, argument=argument)
 
-    def _found_poses(self, lists: Sequence[Listing], how: str) -> tuple[Campaign, list[Listing]]:
+    def _poses_of_points(self, lists: Sequence[Listing], how: str) -> tuple[Campaign, list[Listing]]:
         """Poses out of the points' own angles, or of a log without names: called as the points say, else counted."""
         options = self.options if how != "columns" else replace(self.options, ignore=())
         points, _ = read_points(lists, EMPTY, self.experiment, options)
@@ -271,19 +270,19 @@ class _Import:
         poses: dict[str, Array] = {}
         named: dict[tuple[int, int], str] = {}
         problems: list[Problem] = []
-        for point, own, count in zip(points, angles, counted, strict=True):
+        for point, pendant, count in zip(points, angles, counted, strict=True):
             name = point.said.pose or "_".join(point.said.unknown) or count
-            if name in poses and np.abs(poses[name] - own).max() > 1e-3:
+            if name in poses and np.abs(poses[name] - pendant).max() > 1e-3:
                 hint = "Let the names, or a column, distinguish the poses."
                 problems.append(point.problem(f"pose {name!r} has other angles than above", "name", hint=hint))
-            poses.setdefault(name, own)
+            poses.setdefault(name, pendant)
             named[id(point.listing), point.row] = name
         refuse(problems)
         out = [
             replace(li, texts={**li.texts, "pose": tuple(named.get((id(li), i), "") for i in range(len(li)))})
             for li in lists
         ]
-        return EMPTY.with_poses(poses), out
+        return replace(EMPTY, poses=poses), out
 
     def _logged_angles(self, points: Sequence[TrackerPoint], campaign: Campaign, how: str) -> tuple[Array, list[int]]:
         """Pendant angles (N, n) rad of every point by a log, and the stop of each where they are joined by time."""
@@ -292,108 +291,87 @@ class _Import:
             return join_order(points, self.log, self.joints), []
         return join_time(points, self.log, self.joints, self.options.clock, campaign)
 
-    def _parted(self, points: Sequence[TrackerPoint]) -> tuple[list[TrackerPoint], list[TrackerPoint]]:
-        """Points of the campaign, and those that are known points."""
-        names = set[str]() if self.known is None else {plain(n) for n in self.known.texts["name"]}
-        is_known = [not names.isdisjoint(_known_as(p)) for p in points]
-        return [p for p, k in zip(points, is_known, strict=True) if not k], list(compress(points, is_known))
-
-    def _known_frame(self, seen: Sequence[TrackerPoint]) -> tuple[Aligned, ...]:
-        """The frame of every series from the known points in it."""
-        if self.known is None:
+    def _base_frames(self, points: Sequence[TrackerPoint]) -> tuple[Aligned, ...]:
+        """The frame of every series from its points that are known in the base frame."""
+        if self.base is None:
             return ()
-        places = dict(zip(map(plain, self.known.texts["name"]), self.known.xyz, strict=True))
+        places = dict(zip(self.base.plain_names, self.base.xyz, strict=True))
         out: list[Aligned] = []
-        for series, rows in (series_of(seen) or {"": []}).items():
-            own = [seen[i] for i in rows]
-            _need_unit(own)
-            there = [next(places[name] for name in _known_as(p) if name in places) for p in own]
-            found = _aligned("known", own, there, series, self.known.sheet.where)
-            worst = int(np.argmax(found.missed))
-            if found.missed[worst] > self.options.within:
-                message = f"the known point {own[worst].name!r} does not lie where it should beside the others"
-                size, most = f"{1e3 * found.missed[worst]:.1f} mm off", f"up to {1e3 * self.options.within:g} mm"
+        for series, rows in (series_of(points) or {"": []}).items():
+            members = _with_unit(points[i] for i in rows)
+            expected = [next(places[name] for name in _names_in_base(p) if name in places) for p in members]
+            frame = _aligned("known", members, expected, series, self.base.sheet.where)
+            worst = int(np.argmax(frame.missed))
+            if frame.missed[worst] > self.options.within:
+                message = f"the known point {members[worst].name!r} does not lie where it should beside the others"
+                size, most = f"{1e3 * frame.missed[worst]:.1f} mm off", f"up to {1e3 * self.options.within:g} mm"
                 hint = "Look at its name, the units of both files and the order of x, y, z."
-                raise InputError(own[worst].problem(message, found=size, allowed=most, hint=hint))
-            out.append(found)
+                raise InputError(members[worst].problem(message, found=size, allowed=most, hint=hint))
+            out.append(frame)
         return tuple(out)
 
     def _matched(
         self, points: list[TrackerPoint], campaign: Campaign, aligned: Sequence[Aligned]
     ) -> list[TrackerPoint]:
-        if self.options.match == "order":
-            found = match_order(points, campaign, self.experiment)
-            check_twice(found)
-            return found
-        if self.options.match == "names":
-            return match_names(points, campaign, self.experiment)
+        if self.options.match != "nearest":
+            return (match_order if self.options.match == "order" else match_names)(points, campaign, self.experiment)
+        frames = {f.series: f for f in reversed([*(a.frame for a in aligned), *self.experiment.frames])}
         out: list[TrackerPoint] = []
         for series, rows in series_of(points).items():
-            own = [points[i] for i in rows]
-            _need_unit(own)
-            frame = self._frame(series, aligned)
-            out += match_nearest(own, campaign, self.experiment, frame, self.options.within)
+            members = _with_unit(points[i] for i in rows)
+            if series not in frames:
+                named = f" of series {series!r}" if series else ""
+                message = f"the nearest prediction needs the tracker's frame{named}"
+                argument = ("align", "known.csv")
+                hint = "Give known points in the base frame, or state frames: in the experiment and name the series."
+                raise InputError(Problem(message, str(self.experiment.path), hint=hint, argument=argument))
+            out += match_nearest(members, campaign, self.experiment, frames[series], self.options.within)
         return out
-
-    def _frame(self, series: str, aligned: Sequence[Aligned]) -> Frame:
-        for found in (*(a.frame for a in aligned), *self.experiment.frames):
-            if found.series == series:
-                return found
-        message = f"the nearest prediction needs the tracker's frame{f' of series {series!r}' if series else ''}"
-        hint = "Give known points in the base frame, or state frames: in the experiment and name the series."
-        raise InputError(Problem(message, str(self.experiment.path), hint=hint, argument=("align", "known.csv")))
 
     def _angles(self, points: Sequence[TrackerPoint], campaign: Campaign, how: str, logged: Sequence[str]) -> Array:
         """Pendant angles (N, n) rad of every point."""
         if self.log is None or how in ("plan", "columns"):
             return np.stack([campaign.poses[p.taken.pose] for p in points])
         if how == "names":
-            own = poses_of(self.log, logged, self.joints)
-            message, lost = "the joint log has no row of this pose", [p for p in points if p.taken.pose not in own]
+            poses = poses_of(self.log, logged, self.joints)
+            message = "the joint log has no row of this pose"
+            lost = [p for p in points if p.taken.pose not in poses]
             refuse([p.problem(message, found=p.taken.pose) for p in lost])
-            found = np.stack([own[p.taken.pose] for p in points])
+            pendant = np.stack([poses[p.taken.pose] for p in points])
         else:
-            found, _ = self._logged_angles(points, campaign, how)
-        check_planned(points, found, campaign, self.log, self.experiment.robot.controller)
-        return found
+            pendant, _ = self._logged_angles(points, campaign, how)
+        check_planned(points, pendant, campaign, self.log, self.experiment.robot.controller)
+        return pendant
 
 
-def _unloaded_frames(points: Sequence[TrackerPoint], there: Array) -> tuple[Aligned, ...]:
-    """The frame of every series from its unloaded markers, of which the arm puts each there (N, 3) m."""
+def _unloaded_frames(points: Sequence[TrackerPoint], places: Array) -> tuple[Aligned, ...]:
+    """The frame of every series from its unloaded markers, by their places (N, 3) m."""
     where, out = ", ".join(dict.fromkeys(p.listing.sheet.where for p in points)), list[Aligned]()
     for series, rows in series_of(points).items():
         rows = [i for i in rows if not points[i].taken.loaded]
-        out.append(_aligned(UNLOADED, [points[i] for i in rows], [there[i] for i in rows], series, where))
+        out.append(_aligned(UNLOADED, [points[i] for i in rows], places[rows], series, where))
     return tuple(out)
 
 
-def _aligned(kind: str, points: Sequence[TrackerPoint], there: Sequence[Array], series: str, where: str) -> Aligned:
-    """The frame of a series from points that lie there (3,) m, base frame."""
+def _aligned(
+    kind: str, points: Sequence[TrackerPoint], places: Sequence[Array] | Array, series: str, where: str
+) -> Aligned:
+    """The frame of a series from points with their places (3,) m, base frame."""
     names = tuple(p.name or str(p.line) for p in points)
-    seen = np.array([p.xyz for p in points])
-    return align(kind, np.array(there).reshape(-1, 3), seen.reshape(-1, 3), names, series, where)
+    xyz = np.array([p.xyz for p in points]).reshape(-1, 3)
+    return align(kind, np.array(places).reshape(-1, 3), xyz, names, series, where)
 
 
-def _known_as(point: TrackerPoint) -> tuple[str, str]:
-    """By which names a point may be known."""
+def _names_in_base(point: TrackerPoint) -> tuple[str, str]:
+    """The names that a point may have among those of the base frame."""
     return plain(point.name), plain(point.name.rpartition("::")[2])
 
 
-def _need_unit(points: Sequence[TrackerPoint]) -> None:
-    refuse([unit_problem(p.listing) for p in points if not p.listing.unit][:1])
-
-
-def _sources(points: Sequence[TrackerPoint]) -> dict[str, str]:
-    """What a column of the written table is called in the first point list."""
-    listing = points[0].listing
-    own = {t.role: t.column for t in listing.taken}
-    pairs = {f"{a}_mm": own.get(a) for a in "xyz"} | {"pose": own.get("name"), "marker": own.get("name")}
-    return {k: v for k, v in pairs.items() if v is not None}
-
-
-def _of_station(point: TrackerPoint, campaign: Campaign) -> TrackerPoint:
-    """With the station of its pose as its series, where it names none."""
-    return point if point.series else replace(point, series=campaign.stations.get(point.taken.pose, ""))
+def _with_unit(points: Iterable[TrackerPoint]) -> list[TrackerPoint]:
+    """The points. InputError where nobody says the unit of one."""
+    out = list(points)
+    refuse([unit_problem(p.listing) for p in out if not p.listing.unit][:1])
+    return out
 
 
 def _read_back(
@@ -403,15 +381,14 @@ def _read_back(
     origins: Sequence[tuple[str, int]],
     columns: Mapping[str, str],
 ) -> Readings:
-    """The table as our own reader reads it; its problems told at the rows from which they come."""
+    """The table as our own reader reads it; its problems stand at the rows from which they come."""
+    lines = dict(enumerate(origins, start=2))  # of the table as it is written, below its heading
     try:
         return readings_of(Path(origins[0][0]), header, rows, experiment, "positions" if "state" in header else None)
     except InputError as error:
-        raise InputError([_at_origin(p, origins, columns) for p in error.problems]) from None
-
-
-def _at_origin(problem: Problem, origins: Sequence[tuple[str, int]], columns: Mapping[str, str]) -> Problem:
-    row = None if problem.line is None else problem.line - 2
-    file, line = origins[row] if row is not None and 0 <= row < len(origins) else (origins[0][0], None)
-    column = None if problem.column is None else columns.get(problem.column, problem.column)
-    return replace(problem, file=file, line=line, column=column)
+        problems: list[Problem] = []
+        for problem in error.problems:
+            file, line = lines.get(problem.line or 0, (origins[0][0], None))
+            column = columns.get(problem.column or "", problem.column)
+            problems.append(replace(problem, file=file, line=line, column=column))
+        raise InputError(problems) from None

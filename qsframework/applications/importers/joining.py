@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from qsframework.applications.importers.campaign import Campaign
 from qsframework.applications.importers.matching import TrackerPoint, label
-from qsframework.applications.importers.names import decode, vocabulary
 from qsframework.applications.importers.tables import Listing
+from qsframework.applications.importers.vocabulary import decode, vocabulary
 from qsframework.errors import InputError, Problem, refuse
 from qsframework.experiment.limits import other_angles
 from qsframework.plugin import Array
 from qsframework.robot import Controller
+from qsframework.robot.collision import Flags
 
 _STILL = np.deg2rad(0.02)
 """An arm whose angles change by less stands still; controllers show hundredths."""
@@ -24,15 +25,6 @@ _PLANNED = np.deg2rad(1.0)
 
 _CLOCK = 0.25
 """Share of the points above which the clocks are blamed, and not the points."""
-
-
-@dataclass(frozen=True, eq=False)
-class Stop:
-    """A stretch of a log in which the arm stood still: its first and last time (s), mean angles (n,)."""
-
-    start: float
-    end: float
-    pendant: Array
 
 
 def names_of(log: Listing, campaign: Campaign, words: Mapping[str, str]) -> list[str]:
@@ -86,33 +78,40 @@ def join_order(points: Sequence[TrackerPoint], log: Listing, joints: int) -> Arr
         return angles
     if len(log) == count:
         return angles[visit]
-    found, allowed = f"{len(log)} rows", f"{len(points)}, one for each point, or {count}, one for each visit"
+    found = f"{len(log)} rows"
+    allowed = f"{len(points)}, one for each point, or {count}, one for each visit"
     hint = "Cut the log to the readings, or join it by time or by names."
-    message, argument = "the log has another number of rows than there are points", ("join", "time")
+    message = "the log has another number of rows than there are points"
+    argument = ("join", "time")
     raise InputError(Problem(message, log.sheet.where, found=found, allowed=allowed, hint=hint, argument=argument))
 
 
-def stops_of(log: Listing, joints: int) -> list[Stop]:
-    """Where the arm stood still, in the order of time. InputError where times are missing or run backwards."""
+def stops_of(log: Listing, joints: int) -> tuple[Array, Array]:
+    """Where the arm stood still, in the order of time: first and last times (S, 2) s, mean angles (S, n).
+
+    InputError where times are missing or run backwards.
+    """
     angles, times = log.angles(joints), log.numbers.get("time")
     if times is None:
-        hint, argument = "Join it by order or by names, or say which column holds the time.", ("join", "order")
+        hint = "Join it by order or by names, or say which column holds the time."
+        argument = ("join", "order")
         raise InputError(log.sheet.problem(None, "the log has no column of times", hint=hint, argument=argument))
     back = np.flatnonzero(np.diff(times) < 0.0)
     if len(back):
         i = int(back[0]) + 1
-        message, hint = "the log's clock runs backwards here", "Cut the log there: two runs are two logs."
+        message = "the log's clock runs backwards here"
+        hint = "Cut the log there: two runs are two logs."
         raise InputError(log.problem(i, "time", message, hint=hint))
-    out: list[Stop] = []
+    ends: list[list[float]] = []
+    means: list[Array] = []
     first = 0
     for i in range(1, len(log) + 1):
         if i == len(log) or np.abs(angles[i] - angles[first]).max() > _STILL:
             if i - first > 1:
-                own = angles[first:i]
-                mean = own[0] + (own - own[0]).mean(axis=0)
-                out.append(Stop(float(times[first]), float(times[i - 1]), mean))
+                ends.append([times[first], times[i - 1]])
+                means.append(angles[first] + (angles[first:i] - angles[first]).mean(axis=0))
             first = i
-    return out
+    return np.array(ends).reshape(-1, 2), np.array(means).reshape(-1, joints)
 
 
 def join_time(
@@ -124,31 +123,36 @@ def join_time(
     says nothing then, or stood elsewhere than the plan has it; proposes a difference of the clocks that puts all right,
     and says where none does.
     """
-    stops = stops_of(log, joints)
+    ends, means = stops_of(log, joints)
     times = _times(points, log)
-    if not stops:
+    if not len(ends):
         message = "nowhere in this log does the arm stand still for two rows"
         hint = "A log that is joined by time is written all the time; join one row for each pose by order or names."
         raise InputError(Problem(message, log.sheet.where, hint=hint, argument=("join", "order")))
-    starts = np.array([s.start for s in stops])
-    place: list[int] = (np.searchsorted(starts, times + clock, side="right") - 1).tolist()
+    place: list[int] = (np.searchsorted(ends[:, 0], times + clock, side="right") - 1).tolist()
     wrong: list[tuple[TrackerPoint, str]] = []
     for point, k, t in zip(points, place, (times + clock).tolist(), strict=True):
         at = f"{t:.3f} s by the log's clock"
-        stop = stops[k] if k >= 0 else None
-        if stop is None or t > stop.end:
-            outside = stop is None or k == len(stops) - 1
+        if k < 0 or t > ends[k, 1]:
+            outside = k in (-1, len(ends) - 1)
             wrong.append((point, f"the log says nothing at {at}" if outside else f"the arm moves at {at}"))
-        elif _elsewhere(point, stop, campaign):
+        elif not _at_pose(point, means[k], campaign).all():
             wrong.append((point, f"the arm does not stand at pose {point.pose} at {at}"))
     if wrong:
-        raise InputError(_clock_problems(wrong, points, times, stops, log, campaign))
-    return np.stack([stops[k].pendant for k in place]), [k + 1 for k in place]
+        windows = [
+            (t, *(ends[k] - t).tolist())
+            for point, t in zip(points, times.tolist(), strict=True)
+            if point.pose in campaign.poses
+            for k in np.flatnonzero(_at_pose(point, means, campaign))
+            if _at_pose(point, means, campaign).sum() == 1
+        ]
+        raise InputError(_clock_problems(wrong, len(points), times, ends, windows, log.sheet.where))
+    return means[place], [k + 1 for k in place]
 
 
-def _elsewhere(point: TrackerPoint, stop: Stop, campaign: Campaign) -> bool:
-    planned = campaign.poses.get(point.pose)
-    return planned is not None and bool(np.abs(stop.pendant - planned).max() > _PLANNED)
+def _at_pose(point: TrackerPoint, pendant: Array, campaign: Campaign) -> Flags:
+    """Which of some angles (..., n) rad are those of the planned pose of a point; all where none is planned."""
+    return np.abs(pendant - campaign.poses.get(point.pose, pendant)).max(axis=-1) <= _PLANNED
 
 
 def _times(points: Sequence[TrackerPoint], log: Listing) -> Array:
@@ -170,24 +174,27 @@ def _times(points: Sequence[TrackerPoint], log: Listing) -> Array:
 
 def _clock_problems(
     wrong: Sequence[tuple[TrackerPoint, str]],
-    points: Sequence[TrackerPoint],
+    count: int,
     times: Array,
-    stops: Sequence[Stop],
-    log: Listing,
-    campaign: Campaign,
+    ends: Array,
+    windows: Sequence[tuple[float, ...]],
+    where: str,
 ) -> list[Problem]:
-    """What is wrong with each point, and first what the clocks have to do with it."""
+    """What is wrong with each of `count` points, and first what the clocks have to do with it.
+
+    times, ends: of the points, and of the stops (S, 2), s; windows: time of each point whose planned pose the log holds
+    once, and the least and largest difference of the clocks that puts the point there
+    """
     out = [point.problem(message, "time") for point, message in wrong]
-    if len(wrong) < _CLOCK * len(points):
+    if len(wrong) < _CLOCK * count:
         return out
-    more = f"{len(wrong)} of {len(points)} points are like this one"
+    more = f"{len(wrong)} of {count} points are like this one"
     out = [replace(out[0], hint=more)] if len(wrong) > 1 else out
-    windows = _windows(points, times, stops, campaign)
-    where = log.sheet.where
     if not windows:
         message = "the clocks of tracker and controller do not fit"
-        found = f"points from {times.min():.3f} to {times.max():.3f} s, "
-        found += f"log from {stops[0].start:.3f} to {stops[-1].end:.3f} s"
+        found = (
+            f"points from {times.min():.3f} to {times.max():.3f} s, log from {ends[0, 0]:.3f} to {ends[-1, 1]:.3f} s"
+        )
         hint = "State their difference, the log's minus the tracker's."
         return [Problem(message, where, found=found, hint=hint, argument=("clock", "SECONDS")), *out]
     low, high = max(w[1] for w in windows), min(w[2] for w in windows)
@@ -200,21 +207,6 @@ def _clock_problems(
     message = "the clocks of tracker and controller run apart: no one difference suits all points"
     hint = "Join by order or by names, or import the stretches between two settings of the clocks one by one."
     return [Problem(message, where, found=told, hint=hint, argument=("join", "order")), *out]
-
-
-def _windows(
-    points: Sequence[TrackerPoint], times: Array, stops: Sequence[Stop], campaign: Campaign
-) -> list[tuple[float, float, float]]:
-    """Time of each point whose planned pose the log holds once, and the least and largest difference of the clocks
-    that puts the point there."""
-    out: list[tuple[float, float, float]] = []
-    for point, t in zip(points, times.tolist(), strict=True):
-        if point.pose not in campaign.poses:
-            continue
-        own = [s for s in stops if not _elsewhere(point, s, campaign)]
-        if len(own) == 1:
-            out.append((t, own[0].start - t, own[0].end - t))
-    return out
 
 
 def check_planned(

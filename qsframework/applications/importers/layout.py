@@ -246,15 +246,15 @@ class _Heading:
         return " ".join(dict.fromkeys(t for t in (*self.over, self.name) if t))
 
 
-def _own_or_left(left: str, own: str) -> str:
-    return own or left
+def _cell_or_left(left: str, cell: str) -> str:
+    return cell or left
 
 
 def _columns(rows: Sequence[Sequence[str]], units: Sequence[str]) -> list[_Heading]:
     """The columns by their headings, each with its unit; an empty cell over a heading says what stands to its left."""
     width = max(map(len, rows))
     direct = [(*row, *("",) * (width - len(row))) for row in rows]
-    filled = [tuple(itertools.accumulate(row, _own_or_left)) for row in direct]
+    filled = [tuple(itertools.accumulate(row, _cell_or_left)) for row in direct]
     out: list[_Heading] = []
     for k in range(width):
         last = max((i for i, row in enumerate(direct) if row[k]), default=0)
@@ -321,10 +321,8 @@ def _melted(sheet: Sheet, columns: Sequence[_Heading], blocks: _Blocks) -> Sheet
 
 def _fitting(row: SheetRow, width: int) -> SheetRow:
     """The row without empty cells behind its last column."""
-    cells = row.cells
-    while len(cells) > width and not cells[-1]:
-        cells = cells[:-1]
-    return replace(row, cells=cells)
+    end = max([width, *(k for k, cell in enumerate(row.cells, start=1) if cell)])
+    return replace(row, cells=row.cells[:end])
 
 
 def _labels(columns: Sequence[_Heading]) -> list[str]:
@@ -407,12 +405,8 @@ def _axis_apart(cells: Sequence[str]) -> tuple[str, ...]:
 
 def _axis_place(lines: Sequence[SheetRow]) -> int | None:
     """The column in which all these lines name their axis, each axis as often as the others."""
-    for k in range(min((len(r.cells) for r in lines), default=0)):
-        named = [r.cells[k].lower() for r in lines]
-        counts = {named.count(a) for a in XYZ}
-        if set(named) == set(XYZ) and len(counts) == 1:
-            return k
-    return None
+    columns = ([cell.lower() for cell in column] for column in zip(*(r.cells for r in lines), strict=False))
+    return next((k for k, c in enumerate(columns) if set(c) == set(XYZ) and len({c.count(a) for a in XYZ}) == 1), None)
 
 
 def _value_place(cells: Sequence[str], heading: Sequence[str]) -> int | None:

@@ -12,9 +12,18 @@ from typing import Any
 import numpy as np
 
 from qsframework.applications.importers.campaign import Campaign, PlanSlot
-from qsframework.applications.importers.names import HALF, Said, Vocabulary, decode, plain, state_word, vocabulary
 from qsframework.applications.importers.tables import Listing, quoted_word
-from qsframework.applications.importers.vocabulary import FOUND_BY, PLAIN
+from qsframework.applications.importers.vocabulary import (
+    FOUND_BY,
+    HALF,
+    PLAIN,
+    Said,
+    Vocabulary,
+    decode,
+    plain,
+    state_word,
+    vocabulary,
+)
 from qsframework.applications.options import ImportOptions
 from qsframework.applications.protocol import HALF as HALF_LOAD
 from qsframework.errors import InputError, Problem, nearest, refuse
@@ -174,8 +183,7 @@ def match_names(points: Sequence[TrackerPoint], campaign: Campaign, experiment: 
     problems: list[Problem] = []
     out: list[TrackerPoint] = []
     for point in points:
-        taken = _named(point, campaign, experiment, problems)
-        out += [] if taken is None else [taken]
+        out += _named(point, campaign, experiment, problems)
     refuse(_gathered(problems, points))
     check_twice(out)
     return out
@@ -191,12 +199,15 @@ def check_order_meant(points: Sequence[TrackerPoint], campaign: Campaign, experi
     if any(p.said.pose is not None for p in points) or not (bare or fits):
         return
     if strange and fits:
-        message, hint = f"the block of columns {strange[0]!r} names no marker", "Leave it out."
-        allowed, argument = _few(experiment.marker_names), ("ignore", quoted_word(strange[0]))
+        message = f"the block of columns {strange[0]!r} names no marker"
+        hint = "Leave it out."
+        allowed = _few(experiment.marker_names)
+        argument = ("ignore", quoted_word(strange[0]))
         raise InputError(points[0].problem(message, "block", allowed=allowed, hint=hint, argument=argument))
     message, role = "no name says a pose of the plan", "name"
     if bare:
-        message, role = f"{len(bare)} points have no names, of which this is the first", "x"
+        message = f"{len(bare)} points have no names, of which this is the first"
+        role = "x"
     if not fits:
         found = f"{len(points)} points"
         allowed = f"{len(order)} readings of the plan, to be taken in its order" if order else "points with names"
@@ -226,7 +237,8 @@ def _gathered(problems: Sequence[Problem], points: Sequence[TrackerPoint]) -> li
     every: dict[tuple[str | None, str], list[Problem]] = {}
     counts = Counter(p.listing.sheet.where for p in points)
     for problem in problems:
-        kind = problem.message.replace(repr(_name_in(problem)), "...")
+        quoted = problem.message.split("'")  # the point's name is what a message quotes first
+        kind = problem.message.replace(repr(quoted[1]), "...") if len(quoted) > 2 else problem.message
         every.setdefault((problem.file, kind), []).append(problem)
     out: list[Problem] = []
     for (file, _), own in every.items():
@@ -239,23 +251,23 @@ def _gathered(problems: Sequence[Problem], points: Sequence[TrackerPoint]) -> li
     return sorted(out, key=lambda p: (p.file or "", p.line or 0))
 
 
-def _name_in(problem: Problem) -> str:
-    """The point's name that a message quotes."""
-    parts = problem.message.split("'")
-    return parts[1] if len(parts) > 2 else ""
-
-
 def _named(
     point: TrackerPoint, campaign: Campaign, experiment: Experiment, problems: list[Problem]
-) -> TrackerPoint | None:
+) -> list[TrackerPoint]:
+    """The point with the slot that its name says; none where it says too little or too much."""
     said, by, markers = point.said, {**point.by}, experiment.marker_names
     before = len(problems)
     if said.several:
         hint = "Let columns say pose and marker, or rename the point."
-        message, found = f"the name {point.name!r} says more than one thing", "; ".join(said.several)
+        message = f"the name {point.name!r} says more than one thing"
+        found = "; ".join(said.several)
         problems.append(point.problem(message, found=found, hint=hint))
     if said.pose is None or said.pose not in campaign.poses:
-        problems.append(_no_pose(point, campaign))
+        names, word = list(campaign.poses), said.pose or "_".join(said.unknown) or point.name
+        message = f"the name {point.name!r} says no pose of the plan"
+        hint = nearest(word.lower(), names) or nearest(word, names)
+        hint = hint or "Say what its words mean, or which points to leave out."
+        problems.append(point.problem(message, allowed=_few(names), hint=hint, argument=("word", "FOUND=POSE")))
     marker = said.marker
     if marker is None and len(markers) == 1:
         marker, by["marker"] = markers[0], "only"
@@ -276,22 +288,13 @@ def _named(
         argument = ("word", quoted_word(word)) if word else ("state", "unloaded")
         problems.append(point.problem(message, allowed="unloaded, loaded", hint=hint, argument=argument))
     if len(problems) > before or said.pose is None or marker is None or loaded is None:
-        return None
+        return []
     load = _load(point, said.pose, said.load, campaign, problems) if loaded else ""
     slot = PlanSlot(said.pose, marker, loaded, load, said.repeat or 1, said.cycle or 1)
     if campaign.exact and len(problems) == before and slot not in campaign.slots:
         hint = "Name repeats r2, r3 and cycles c2, c3, as the table to fill in counts them."
         problems.append(point.problem(f"the table to fill in has no {label(slot)}", hint=hint))
-    return None if len(problems) > before else replace(point, slot=slot, by=by)
-
-
-def _no_pose(point: TrackerPoint, campaign: Campaign) -> Problem:
-    names = list(campaign.poses)
-    said = point.said.pose or "_".join(point.said.unknown) or point.name
-    near = nearest(said.lower(), names) or nearest(said, names)
-    message = f"the name {point.name!r} says no pose of the plan"
-    hint = near or "Say what its words mean, or which points to leave out."
-    return point.problem(message, allowed=_few(names), hint=hint, argument=("word", "FOUND=POSE"))
+    return [] if len(problems) > before else [replace(point, slot=slot, by=by)]
 
 
 def _load(point: TrackerPoint, pose: str, said: str, campaign: Campaign, problems: list[Problem]) -> str:
@@ -304,12 +307,14 @@ def _load(point: TrackerPoint, pose: str, said: str, campaign: Campaign, problem
         return fits[0]
     told = ", ".join(names.get(i) or i for i in own)
     if not own:
-        message, hint = f"no load is known at pose {pose!r}", "Give the plan or the table that says it."
+        message = f"no load is known at pose {pose!r}"
+        hint = "Give the plan or the table that says it."
         problems.append(point.problem(message, hint=hint, argument=("plan", "plan.csv")))
     elif not fits:
         problems.append(point.problem(f"pose {pose!r} has no load {said!r}", allowed=told))
     else:
-        message, hint = f"several loads hung at pose {pose!r}", "Let the name say which one."
+        message = f"several loads hung at pose {pose!r}"
+        hint = "Let the name say which one."
         problems.append(point.problem(message, found=told, hint=hint))
     return ""
 
@@ -345,14 +350,16 @@ def match_order(points: Sequence[TrackerPoint], campaign: Campaign, experiment: 
     """The k-th point as the k-th reading of the plan. InputError where they are not as many, or names contradict."""
     files = ", ".join(dict.fromkeys(p.listing.sheet.where for p in points))
     if not campaign.order:
-        message, hint = "an order needs a plan, or the table that qsf protocol writes", "Give it."
+        message = "an order needs a plan, or the table that qsf protocol writes"
+        hint = "Give it."
         raise InputError(Problem(message, files, hint=hint, argument=("plan", "plan.csv")))
     order, points = _order(points, campaign), _in_order(points, experiment)
     if len(points) != len(order):
         told = f"{len(points)} points"
         allowed = f"{len(order)} readings, as in {campaign.source}"
         hint = "Name the points, or export exactly those of the campaign; points on the floor can be ignored."
-        message, strange = "the points are not as many as the readings of the plan", _strange_blocks(points)
+        message = "the points are not as many as the readings of the plan"
+        strange = _strange_blocks(points)
         argument = ("ignore", quoted_word(strange[0]) if strange else "PATTERN")
         raise InputError(Problem(message, files, found=told, allowed=allowed, hint=hint, argument=argument))
     problems: list[Problem] = []
@@ -366,6 +373,7 @@ def match_order(points: Sequence[TrackerPoint], campaign: Campaign, experiment: 
             problems.append(point.problem(message, hint=hint, argument=("match", "names")))
         out.append(replace(point, slot=slot, by=dict.fromkeys(("pose", "marker", "loaded"), "order")))
     refuse(problems)
+    check_twice(out)
     return out
 
 
@@ -414,8 +422,7 @@ def match_nearest(
             continue
         by = {**point.by, "pose": "place", "marker": "place"}
         placed = replace(point, said=replace(said, pose=pose, marker=marker), by=by)
-        taken = _named(placed, campaign, experiment, problems)
-        out += [] if taken is None else [taken]
+        out += _named(placed, campaign, experiment, problems)
     refuse(problems)
     check_twice(out)
     return out

@@ -17,7 +17,7 @@ from qsframework.errors import InputError, Problem, refuse
 from qsframework.experiment import Experiment, Frame
 from qsframework.experiment.frames import procrustes
 from qsframework.experiment.limits import other_angles
-from qsframework.plugin import Array, Indices
+from qsframework.plugin import Array, Indices, cross_matrix
 
 UNITS = {"mm": 1e-3, "m": 1.0, "inch": 0.0254, "cm": 1e-2, "um": 1e-6, "foot": 0.3048}
 """Units that trackers export, in m."""
@@ -104,13 +104,7 @@ def _spread(points: Array) -> tuple[float, float]:
 
 def _covariance(frame: Frame, there: Array, left: Array) -> Array:
     """Of shift and turn, by least squares with equal noise on every coordinate."""
-    arms = there @ frame.rotation.T  # from the base's origin, on the tracker's axes
-    rows = np.zeros((len(arms), 3, 6))
-    rows[:, :, :3] = np.eye(3)
-    x, y, z = arms.T
-    zero = np.zeros_like(x)
-    rows[:, :, 3:] = np.stack([zero, z, -y, -z, zero, x, y, -x, zero], axis=1).reshape(-1, 3, 3)
-    J = rows.reshape(-1, 6)
+    J = motion_rows(there @ frame.rotation.T)  # from the base's origin, on the tracker's axes
     dof = len(J) - 6
     variance = float(np.sum(left**2)) / dof if dof > 0 else math.nan
     return np.asarray(variance * np.linalg.inv(J.T @ J), dtype=float)
@@ -159,6 +153,11 @@ def _fit(there: Array, points: Array, rows: Indices, within: float) -> Placement
     frame = procrustes(there[rows], points[rows])
     off = np.linalg.norm(points - frame.apply(there), axis=1)
     return PlacementFit(frame, off < within, off)
+
+
+def motion_rows(arms: Array) -> Array:
+    """What a shift and a small turn (6,) do to points at arms (N, 3) from where it turns: (3 N, 6)."""
+    return np.concatenate([np.tile(np.eye(3), (len(arms), 1, 1)), -cross_matrix(arms)], axis=2).reshape(-1, 6)
 
 
 def likely_unit(raw: Array, there: Array) -> str | None:

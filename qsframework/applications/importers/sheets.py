@@ -7,16 +7,16 @@ it can be shown. Numbers stay text here, with their row.
 from __future__ import annotations
 
 import csv
+import json
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
 from qsframework.applications.importers.layout import Sheet, SheetRow, is_axis_line, is_data, lay_out
-from qsframework.applications.importers.records import records
 from qsframework.applications.options import ImportOptions
-from qsframework.applications.programmes.log import joint_log
+from qsframework.applications.programmes.reading import joint_log
 from qsframework.errors import InputError, Problem, missing_extra, nearest
 from qsframework.experiment.columns import LARGEST, MOST_COLUMNS, MOST_LINES, unquoted
 from qsframework.files.documents import read_bytes
@@ -38,6 +38,12 @@ _UNPACKED, _PART = LARGEST, 5_000_000
 _LARGE_PARTS = ("xl/worksheets/", "xl/sharedStrings")
 _MOST_CELLS, _LONGEST = 1_000_000, 32_767
 """Cells of a workbook, empty ones too; characters of one, which is what Excel takes."""
+_DEEPEST = 8
+"""Objects within objects."""
+_JSON = re.compile(r"\s*\[?\s*\{\s*[\"}]")
+_BETWEEN = re.compile(r"[ \t\r\n,]*")
+_OF_POINT = ("position", "pos", "point", "xyz", "coordinates", "coords", "p")
+"""What a list of three numbers is called that is a point."""
 
 
 def read_sheet(path: Path, options: ImportOptions = NOTHING_STATED) -> Sheet:
@@ -62,7 +68,7 @@ def read_sheet(path: Path, options: ImportOptions = NOTHING_STATED) -> Sheet:
     if (logged := joint_log(path, text)) is not None:
         rows = tuple(SheetRow(line, cells) for line, cells in logged[1])
         return replace(whole, header=logged[0], rows=rows, separator="programme")
-    if (found := records(path, text)) is not None:
+    if (found := _records(path, text)) is not None:
         return lay_out(replace(whole, separator="json"), found, options.ignore)
     found, whole = _text_rows(whole, text, options.separator)
     whole = lay_out(whole, found, options.ignore)
@@ -152,7 +158,8 @@ def _workbook(path: Path, sheet: str, ignore: Sequence[str]) -> Sheet:
         raise InputError(Problem("is an empty workbook", str(path)))
     name = sheet or next(iter(filled))
     if not sheet and len(filled) > 1:
-        message, argument = "holds several sheets, and nothing says which one is meant", ("sheet", f"'{name}'")
+        message = "holds several sheets, and nothing says which one is meant"
+        argument = ("sheet", f"'{name}'")
         raise InputError(Problem(message, str(path), found=names, hint="State one of them.", argument=argument))
     width = max(len(r.cells) for r in filled[name])
     rows = [SheetRow(r.line, (*r.cells, *("",) * (width - len(r.cells)) * (len(r.cells) > 1))) for r in filled[name]]
@@ -242,3 +249,53 @@ def _cell(value: object) -> str:
     if _CONTROL.search(text):
         raise InputError("a control character in a cell of the workbook")
     return text
+
+
+def _records(path: Path, text: str) -> list[SheetRow] | None:
+    """Heading and rows of a text of JSON objects, None where it is none. InputError where one line is spoilt."""
+    if _JSON.match(text) is None:
+        return None
+    found: list[tuple[int, Mapping[str, object]]] = []
+    for line, value in _values(path, text):
+        if not isinstance(value, Mapping):
+            raise InputError(Problem("is no object of a point", str(path), line, found=repr(value)[:60]))
+        found.append((line, dict(_flat("", cast("Mapping[str, object]", value), 0))))
+    header = list(dict.fromkeys(name for _, own in found for name in own))
+    if len(header) > MOST_COLUMNS:
+        raise InputError(Problem(f"holds more than {MOST_COLUMNS} columns", str(path)))
+    cells = [(line, [own.get(name) for name in header]) for line, own in found]
+    rows = [SheetRow(line, tuple("" if v is None else str(v) for v in values)) for line, values in cells]
+    return [SheetRow(1, tuple(header)), *rows]
+
+
+def _values(path: Path, text: str) -> Iterator[tuple[int, object]]:
+    """The records of a list, or one after the other, each with its line."""
+    decoder, line, last = json.JSONDecoder(), 1, 0
+    at = _BETWEEN.match(text, text.index("[") + 1 if text.lstrip().startswith("[") else 0)
+    while at is not None and at.end() < len(text) and text[at.end()] != "]":
+        line, last = line + text.count("\n", last, at.end()), at.end()
+        try:
+            value, end = decoder.raw_decode(text, last)
+        except (ValueError, RecursionError) as error:
+            found = repr(text[last : last + 60])
+            hint = "Export one object a line, or one list of objects."
+            raise InputError(Problem("is no JSON", str(path), line, found=found, hint=hint)) from error
+        yield line, value
+        at = _BETWEEN.match(text, end)
+
+
+def _flat(name: str, value: object, depth: int) -> Iterator[tuple[str, object]]:
+    """What an object holds, by the names that lead there: `position.x`, `joints 1`; a point's three numbers x, y, z."""
+    if isinstance(value, Mapping) and depth < _DEEPEST:
+        for key, own in cast("Mapping[str, object]", value).items():
+            yield from _flat(f"{name}.{key}" if name else str(key), own, depth + 1)
+    elif isinstance(value, list) and depth < _DEEPEST:
+        parts = cast("list[object]", value)
+        last = name.rpartition(".")[2].lower()
+        stem, _, unit = last.partition("_")
+        of_point = len(parts) == 3 and stem in _OF_POINT
+        for k, own in enumerate(parts):
+            place = f"{'xyz'[k]}{f' [{unit}]' if unit else ''}" if of_point else f"{name} {k}"
+            yield from _flat(place, own, depth + 1)
+    else:
+        yield name, value

@@ -24,6 +24,7 @@ from qsframework.applications.importers.vocabulary import (
     header_parts,
     meaning,
     moment,
+    plain,
     unit_kind,
     unit_of,
     units_above,
@@ -88,6 +89,11 @@ class Listing:
         """Coordinates (N, 3)."""
         return np.stack([self.numbers[a] for a in XYZ], axis=1)
 
+    @property
+    def plain_names(self) -> list[str]:
+        """The names of its rows, made plain."""
+        return [plain(name) for name in self.texts["name"]]
+
     def angles(self, joints: int) -> Array:
         """Pendant angles (N, joints) rad of a table that holds them."""
         return np.stack([self.numbers[q] for q in joint_stems(joints)], axis=1)
@@ -108,7 +114,8 @@ def stated_units(texts: Sequence[str]) -> dict[str, str]:
         unit = unit_of(text) or text
         kind = unit_kind(unit)
         if kind is None:
-            message, allowed = "no unit of length, angle, time or temperature", "mm, m, in, deg, rad, s, ms, degC, ..."
+            message = "no unit of length, angle, time or temperature"
+            allowed = "mm, m, in, deg, rad, s, ms, degC, ..."
             raise InputError(Problem(message, found=repr(text), allowed=allowed))
         if out.setdefault(kind, unit) != unit:
             raise InputError(Problem("two units of one kind are stated", found=f"{out[kind]} and {unit}"))
@@ -172,7 +179,8 @@ def _unit_column(
         cell = repr(sheet.rows[i].cells[k])
         problems.append(sheet.problem(i, "is no unit of length", k, found=cell, allowed="mm, m, in, ..."))
     if "m" in stated and {unit or "m" for unit in found} != {stated["m"]}:
-        message, hint = "this column says the unit of each row", "Leave the stated unit of length out."
+        message = "this column says the unit of each row"
+        hint = "Leave the stated unit of length out."
         problems.append(sheet.problem(None, message, k, found=f"and {stated['m']} is stated", hint=hint))
     return k, [] if problems else [unit or "" for unit in found]
 
@@ -199,7 +207,8 @@ def _roles(sheet: Sheet, options: ImportOptions, joints: Sequence[str]) -> dict[
             continue
         if len(free) > 1:
             names = ", ".join(repr(sheet.column(k)) for k, _ in free)
-            message, hint = f"several columns could be {role}", "State which one is meant."
+            message = f"several columns could be {role}"
+            hint = "State which one is meant."
             argument = ("map", f"{role}={sheet.column(free[0][0])!r}")
             problems.append(sheet.problem(None, message, found=names, hint=hint, argument=argument))
         else:
@@ -279,7 +288,8 @@ def _complete(sheet: Sheet, roles: dict[str, tuple[int, Meaning]], joints: int) 
     hint, argument = "Export points with a name and x, y, z, one point a row.", None
     if wanted:
         hint = f"Say which column is which; as proposed, the first rows are {first_rows(sheet, wanted)}."
-        argument = ("map", _proposal(sheet, wanted))
+        pairs = ",".join(f"{role}={sheet.column(k)}" for role, k in wanted)
+        argument = ("map", pairs if re.fullmatch(r"[\w=.,]*", pairs) else quoted_word(pairs))
     raise InputError(sheet.problem(None, message, found=names, hint=hint, argument=argument))
 
 
@@ -328,11 +338,6 @@ def _wanted(sheet: Sheet, roles: Mapping[str, tuple[int, Meaning]], missing: Seq
     if "name" in texts and named:
         wanted = [*zip(texts[-min(len(named), 3) :], named, strict=False), *wanted]
     return wanted
-
-
-def _proposal(sheet: Sheet, wanted: Sequence[tuple[str, int]]) -> str:
-    pairs = ",".join(f"{role}={sheet.column(k)}" for role, k in wanted)
-    return quoted_word(pairs) if re.search(r"[^\w=.,]", pairs) else pairs
 
 
 def _counts(sheet: Sheet, k: int) -> bool:
@@ -443,8 +448,10 @@ def _times(
             problems.append(sheet.problem(i, message, k, hint="State it.", argument=argument))
             break
         else:
-            message, allowed = "is no time that can be read in one way", "seconds, 13:45:01.5, or 2026-03-09 13:45:01.5"
-            hint, argument = "Leave the column out, if no time is needed.", ("ignore", quoted_word(sheet.column(k)))
+            message = "is no time that can be read in one way"
+            allowed = "seconds, 13:45:01.5, or 2026-03-09 13:45:01.5"
+            hint = "Leave the column out, if no time is needed."
+            argument = ("ignore", quoted_word(sheet.column(k)))
             found = repr(cell)
             problems.append(sheet.problem(i, message, k, found=found, allowed=allowed, hint=hint, argument=argument))
     if len(clocks) > 1:

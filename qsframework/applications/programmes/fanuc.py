@@ -23,7 +23,7 @@ from qsframework.applications.programmes.source import (
     tokenise,
     unmoved,
 )
-from qsframework.errors import InputError, Problem
+from qsframework.errors import InputError, Problem, refuse
 
 GRAMMAR = re.compile(
     r"(?P<section>^/[A-Z]+\b)"
@@ -174,8 +174,7 @@ def positions(path: Path, tokens: Sequence[Token]) -> list[ProgrammePoint]:
             continue
         label = next((t.text for t in inside if t.kind == "label"), "").strip(':" \t')
         out.append(_position(path, name, label, own[0].line, body))
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return out
 
 
@@ -192,9 +191,11 @@ def _position(path: Path, name: str, label: str, line: int, body: Sequence[Token
             continue
         cell = number(part[2:-1]) if part[-1].text in ("deg", "mm") else None
         if cell is None or sign != "=" or key in cells or not _CELL.fullmatch(key):
-            said, found = f"{name}: {key} is no number with its unit", shown(part[2:]) or "nothing"
+            said = f"{name}: {key} is no number with its unit"
+            found = shown(part[2:]) or "nothing"
             if key in _REMOTE:
-                said, found = f"{name} is a pose for a remote TCP: {_OPTIONS['RTCP']}", shown(part)
+                said = f"{name} is a pose for a remote TCP: {_OPTIONS['RTCP']}"
+                found = shown(part)
             allowed = "J1, ... or X, Y, Z, W, P, R, a number with deg or mm each"
             problem = problem or Problem(said, str(path), part[0].line, found=found[:40], allowed=allowed)
         else:

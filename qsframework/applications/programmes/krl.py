@@ -5,13 +5,12 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from qsframework.applications.programmes.calls import Given, changing
-from qsframework.applications.programmes.names import AMBIGUOUS, GUIDED, Names, Track, guided, walked
+from qsframework.applications.programmes.names import AMBIGUOUS, GUIDED, Given, Names, Track, changing, guided, walked
 from qsframework.applications.programmes.poses import POSES, matrix
 from qsframework.applications.programmes.source import (
     NUMBER,
@@ -32,7 +31,7 @@ from qsframework.applications.programmes.source import (
     tokenise,
     variable,
 )
-from qsframework.errors import InputError, Problem
+from qsframework.errors import Problem, refuse
 from qsframework.plugin import Array
 
 GRAMMAR = re.compile(
@@ -73,12 +72,11 @@ _Move = tuple[SourceStatement, dict[str, str]]
 
 @dataclass(frozen=True)
 class _Data:
-    """What chooses tools and bases. fdat: tool, base and whether the tool stands in the cell, by their names; tools,
-    bases: matrices (4, 4) m that the programme states in numbers, by the words that state them."""
+    """What chooses tools and bases. fdat: tool, base and whether the tool stands in the cell, by their names; places:
+    matrices (4, 4) m of "tool" and "base" that the programme states in numbers, by the words that state them."""
 
     fdat: dict[str, tuple[str, str, bool]]
-    tools: dict[str, Array] = field(default_factory=dict[str, Array])
-    bases: dict[str, Array] = field(default_factory=dict[str, Array])
+    places: dict[str, dict[str, Array]]
 
     def named(self, name: str) -> tuple[str, str, bool]:
         return self.fdat.get(name.upper(), ("", "", False))
@@ -96,10 +94,9 @@ def read(texts: Mapping[Path, str]) -> Parts:
         problems.append(
             Problem("holds points, and no .src says which the arm goes to", str(next(iter(texts))), hint=hint)
         )
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     names = Names(literal=literal, here=("$AXIS_ACT", "$POS_ACT", "$AXIS_INT"))
-    data, code = _Data(_frames(lines)), [line for line in lines if line.remark is None]
+    data, code = _Data(_frames(lines), {"tool": {}, "base": {}}), [line for line in lines if line.remark is None]
     for line in code:
         _definitions(line, names)
     upset = dict[int, list[str]]()
@@ -119,7 +116,8 @@ def read(texts: Mapping[Path, str]) -> Parts:
 
     motions = [_motion(line, here, names, data) for line, here in walked(walk)]
     points = names.stated({f"X{key[1:]}": own[:2] for key, own in data.fdat.items() if key.startswith("F")})
-    return lines, [_set_when_it_runs(point, names) for point in points], motions, data.tools, data.bases
+    points = [_set_when_it_runs(point, names) for point in points]
+    return lines, points, motions, data.places["tool"], data.places["base"]
 
 
 def _set_when_it_runs(point: ProgrammePoint, names: Names) -> ProgrammePoint:
@@ -148,9 +146,8 @@ def _changing(lines: Sequence[SourceStatement]) -> list[Given]:
         verb = _verb(line)
         for k, parts in called(line.tokens, _WORDS):
             moves = verb is not None and verb < k and words[k] not in routines  # it computes a place
-            own = [(place, name) for place, part in enumerate(parts) if not moves and (name := variable(part))]
-            caller = line.tokens[k]
-            given += [Given(statement=line, within=within, caller=caller, place=p, variable=v) for p, v in own]
+            handed = enumerate(map(variable, parts if not moves else ()))
+            given += [Given(line, within, line.tokens[k], place, name) for place, name in handed if name]
     return changing(given, routines, assigned, _READS)
 
 
@@ -193,7 +190,8 @@ def _closed(path: Path, text: str, problems: list[Problem]) -> list[Token]:
         elif token.kind == "end" and opened:
             own = [t for t in out[-200:] if t.line == token.line]
             named = [a.text for a, b in itertools.pairwise(own) if b.text == "="] or ["the point of this motion"]
-            message, hint = f"{named[0]} does not end", "A point stands in braces on one line."
+            message = f"{named[0]} does not end"
+            hint = "A point stands in braces on one line."
             problems.append(Problem(message, str(path), token.line, found=shown(own, 40), hint=hint))
             opened = []
         out.append(token)
@@ -361,7 +359,7 @@ def _choice(key: str, tokens: Sequence[Token], data: _Data) -> str:
     stated = literal(value)
     if stated is not None and not stated[1] and stated[0].keys() >= {*POSES["kuka"].axes}:
         numbers = np.array([stated[0][axis].value for axis in POSES["kuka"].axes])
-        (data.tools if key == "tool" else data.bases)[own] = matrix(POSES["kuka"], numbers)
+        data.places["tool" if key == "tool" else "base"][own] = matrix(POSES["kuka"], numbers)
     return own
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
@@ -180,8 +181,7 @@ class Track:
 
     def back(self) -> None:
         """What was said since the last beginning holds no more."""
-        if self._open:
-            self.now = self._open.pop()[0]
+        self.now = self._open.pop()[0] if self._open else self.now
 
     def reset(self, routine: str = "") -> None:
         """Another routine begins, of whose tool and frame nothing is known."""
@@ -195,8 +195,8 @@ class Track:
 
     def _leave(self, routine: str, ends: Mapping[str, str]) -> None:
         """What a routine has set at its end, where it has done so before every return."""
-        own = {k: v if all(way.get(k) == v for way in self._returns) else AMBIGUOUS for k, v in ends.items()}
-        self.leaves[routine] = own
+        certain = {k: v for k, v in ends.items() if all(way.get(k) == v for way in self._returns)}
+        self.leaves[routine] = dict.fromkeys(ends, AMBIGUOUS) | certain
         self._returns = []
 
     def call(self, routine: str, certain: bool = True) -> None:
@@ -229,3 +229,44 @@ def guided(here: Mapping[str, str]) -> str:
     """Why no motion here ends at its point, "" where it does."""
     said = here.get(GUIDED, "")
     return "on one of the ways there its path is shifted when it runs" if said == AMBIGUOUS else said
+
+
+@dataclass(frozen=True)
+class Given:
+    """A variable that a routine is given: in which statement and routine, as which of the arguments (by its number
+    from 0, or by its name); caller: the routine's name as the programme writes it, as variable is."""
+
+    statement: SourceStatement
+    within: str
+    caller: Token
+    place: int | str
+    variable: str
+
+
+def changing(
+    given: Sequence[Given],
+    routines: Mapping[str, Mapping[int | str, str]],
+    assigned: Iterable[tuple[str, str]],
+    reads: re.Pattern[str],
+) -> list[Given]:
+    """Those whose routine may change the variable: it does so itself, hands it on to one that may, or is not known.
+
+    Args:
+        given: all of the programme.
+        routines: its routines; by the places of their arguments the folded names, "" of an argument that is a copy.
+        assigned: routines, and folded names of variables that they assign.
+        reads: names of routines of the language that only read.
+    """
+    changed, count, out = set(assigned), -1, list[Given]()
+
+    def may_change(routine: str, place: int | str) -> bool:
+        if routine not in routines:
+            return reads.fullmatch(routine) is None
+        name = routines[routine].get(place)
+        return name is None or (routine, name) in changed
+
+    while count != len(changed):
+        count = len(changed)
+        out = [g for g in given if may_change(g.caller.text.upper(), g.place)]
+        changed |= {(g.within, re.split(r"[\[{]", g.variable)[0].upper()) for g in out}
+    return out

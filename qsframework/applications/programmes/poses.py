@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from qsframework.plugin import Array
+from qsframework.plugin.rotations import homogeneous
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,19 +65,14 @@ def matrix(convention: Orientation, values: Array) -> Array:
     angles = values[3:] * convention.angle
     vector = convention.turns == "vector"
     turn = Rotation.from_rotvec(angles) if vector else Rotation.from_euler(convention.turns, angles)
-    out = np.eye(4)
-    out[:3, :3], out[:3, 3] = turn.as_matrix(), values[:3] * convention.length
-    return out
+    return homogeneous(turn.as_matrix(), values[:3] * convention.length)
 
 
 def quaternion_pose(values: Array) -> Array:
     """Matrix (4, 4) m of x, y, z in mm and a quaternion, its scalar first."""
     from scipy.spatial.transform import Rotation
 
-    out = np.eye(4)
-    out[:3, :3] = Rotation.from_quat(np.roll(values[3:], -1)).as_matrix()
-    out[:3, 3] = values[:3] * 1e-3
-    return out
+    return homogeneous(Rotation.from_quat(np.roll(values[3:], -1)).as_matrix(), values[:3] * 1e-3)
 
 
 def numbers_of(convention: Orientation, place: Array, own: Mapping[str, float]) -> dict[str, float]:

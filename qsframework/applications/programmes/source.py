@@ -242,7 +242,8 @@ def shown(tokens: Sequence[Token], most: int = _SHOWN) -> str:
 
 def unmoved(statement: SourceStatement, said: str, keep: str, *, allowed: str | None = None) -> Problem:
     """The problem of a motion that cannot be corrected, with the way to leave it as it is."""
-    hint, here = f"Teach a point of numbers there, or keep {keep!r} as it is.", str(statement.path)
+    hint = f"Teach a point of numbers there, or keep {keep!r} as it is."
+    here = str(statement.path)
     argument = ("keep", f"'{keep}'")
     return Problem(said, here, statement.line, found=str(statement), allowed=allowed, hint=hint, argument=argument)
 

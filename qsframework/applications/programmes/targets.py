@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from qsframework.applications.compensate import Compensation
-from qsframework.applications.controller_names import axis_names, maker_of
+from qsframework.applications.controller_files import axis_names, maker_of
 from qsframework.applications.inverse import TipPose, find_joints, rigid_tip
 from qsframework.applications.options import ProgrammeOptions
 from qsframework.applications.programmes.names import AMBIGUOUS
@@ -23,17 +23,18 @@ from qsframework.applications.programmes.poses import POSES, Orientation, matrix
 from qsframework.applications.programmes.reading import parse_source, read_source
 from qsframework.applications.programmes.source import ProgrammeMotion, ProgrammePoint, Source, replaced, skeleton
 from qsframework.applications.targets import Targets
-from qsframework.errors import InputError, Problem, nearest, some_of
+from qsframework.errors import InputError, Problem, nearest, refuse, some_of
 from qsframework.experiment import Experiment
 from qsframework.plugin import Array
 from qsframework.plugin.facts import frozen
+from qsframework.plugin.rotations import homogeneous
 
 _TITLES = {"fanuc": "FANUC", "kuka": "KUKA", "abb": "ABB", "ur": "UNIVERSAL ROBOTS"}
 REFUSED = "refused"
 """The name that keeps every motion which the programme itself does not let correct."""
 _SEED = 0
-_LISTED, _MOST = 20, 1000
-"""Names in a sentence, and problems that are said at once."""
+_LISTED = 20
+"""Names in a sentence."""
 Tell = Callable[[str, int, int], None]
 
 
@@ -162,15 +163,11 @@ def read_programme(
     kept, shared, refused = _sorted_out(case)
     goes = {name for motion in _others(source.motions, kept) for name in motion.points}
     points = tuple(p for p in source.points if p.name in goes)
-    problems = [*refused, *_unknown(source, options, points)]
-    if problems:
-        raise InputError(problems[:_MOST])
+    refuse([*refused, *_unknown(source, options, points)])
     if not points:
         raise InputError(Problem("every point is to be kept: nothing is left to correct", str(path)))
     wrench = np.stack([options.loads.get(p.name, options.loads.get("", np.zeros(6))) for p in points])
-    problems += [problem for i, p in enumerate(points) if (problem := _heavy(p, wrench[i], experiment)) is not None]
-    if problems:
-        raise InputError(problems)
+    refuse([problem for i, p in enumerate(points) if (problem := _heavy(p, wrench[i], experiment)) is not None])
     pendant, wanted = _stand(case, points, tell or (lambda label, done, total: None))
     targets = Targets(
         name=tuple(p.name for p in points),
@@ -191,7 +188,8 @@ def corrected_texts(made: ProgrammeTargets, result: Compensation, experiment: Ex
     They are read back: InputError if a point or anything else in them is not what was meant.
     """
     values, convention = dict[str, Mapping[str, float]](), made.case.convention
-    flange = _flange(experiment, result.command)
+    command = result.command
+    flange = homogeneous(command.rotation, command.position - command.rotation @ experiment.load_point)
     for i, point in enumerate(made.points):
         if point.cartesian:
             tool, frame = made.case.tool_and_frame(point)
@@ -221,7 +219,8 @@ def _check_robot(path: Path, source: Source, experiment: Experiment) -> None:
     """InputError for a programme of another maker's controller, and for an arm with a joint that slides."""
     maker, own = maker_of(experiment.robot.title), _TITLES[source.maker]
     if maker not in (None, own):
-        message, hint = f"is a programme for controllers by {own}", "Name the experiment of the robot that it runs on."
+        message = f"is a programme for controllers by {own}"
+        hint = "Name the experiment of the robot that it runs on."
         raise InputError(Problem(message, str(path), found=experiment.robot.title, hint=hint))
     if any(experiment.robot.facts.sliding):
         message = "programmes are corrected of arms whose joints all turn only so far"
@@ -334,7 +333,8 @@ def _outside(case: _Case, point: ProgrammePoint) -> Iterator[Problem]:
     pendant, argument = case.angles(point), ("keep", f"'{point.name}'")
     for k in map(int, np.flatnonzero(controller.outside(pendant[None])[0])):
         low, high = np.rad2deg([controller.lower[k], controller.upper[k]])
-        message, found = f"{point.name}: {case.names[k]} is outside its limits", f"{np.rad2deg(pendant[k]):g} deg"
+        message = f"{point.name}: {case.names[k]} is outside its limits"
+        found = f"{np.rad2deg(pendant[k]):g} deg"
         yield Problem(message, *here, found=found, allowed=f"{low:g} to {high:g} deg", argument=argument)
 
 
@@ -345,7 +345,8 @@ def _heavy(point: ProgrammePoint, wrench: Array, experiment: Experiment) -> Prob
     force, most = float(np.linalg.norm(wrench[:3])), robot.payload * float(np.linalg.norm(robot.gravity))
     if force <= most:
         return None
-    message, found = f"{point.name}: the force is more than the robot's payload", f"{force:.0f} N"
+    message = f"{point.name}: the force is more than the robot's payload"
+    found = f"{force:.0f} N"
     return Problem(message, str(point.path), point.line, found=found, allowed=f"{robot.payload:g} kg, {most:.0f} N")
 
 
@@ -357,42 +358,24 @@ def _stand(case: _Case, points: Sequence[ProgrammePoint], tell: Tell) -> tuple[A
     for i, point in enumerate(points):
         tell("joint angles", i, len(points))
         if point.cartesian:
-            wanted = _wanted(case.experiment, _from_file(case, point))
-            found = find_joints(robot, site, wanted, last, rng)
-            if not found.reached:
-                near = f"{found.away * 1e3:.1f} mm and {np.rad2deg(found.turned):.2f} deg away at the nearest"
+            tool, frame = case.tool_and_frame(point)
+            values = np.array([point.cells[name].value for name in case.convention.axes])
+            flange = np.asarray(frame @ matrix(case.convention, values) @ np.linalg.inv(tool), dtype=np.float64)
+            load_point = flange[:3, 3] + flange[:3, :3] @ case.experiment.load_point
+            target = TipPose(load_point[None], flange[None, :3, :3])
+            solution = find_joints(robot, site, target, last, rng)
+            if not solution.reached:
                 message = f"{point.name}: no joint angles within the limits put the tool there"
                 hint = "Look at the tool and the frame that were stated, or keep the point."
                 here, argument = (str(point.path), point.line), ("keep", f"'{point.name}'")
-                problems.append(Problem(message, *here, found=near, hint=hint, argument=argument))
-            last = found.pendant if found.reached else last
+                problems.append(Problem(message, *here, found=solution.near, hint=hint, argument=argument))
+            last = solution.pendant if solution.reached else last
         else:
             last = case.angles(point)
-            wanted = rigid_tip(robot, site, robot.controller.to_joints(last[None]))
+            target = rigid_tip(robot, site, robot.controller.to_joints(last[None]))
         pendant.append(last)
-        stands.append(wanted)
+        stands.append(target)
     tell("joint angles", len(points), len(points))
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     position, rotation = np.concatenate([s.position for s in stands]), np.concatenate([s.rotation for s in stands])
     return np.stack(pendant), TipPose(position, rotation)
-
-
-def _from_file(case: _Case, point: ProgrammePoint) -> Array:
-    """The flange (4, 4) in the base frame at a Cartesian point."""
-    tool, frame = case.tool_and_frame(point)
-    values = np.array([point.cells[name].value for name in case.convention.axes])
-    return np.asarray(frame @ matrix(case.convention, values) @ np.linalg.inv(tool), dtype=np.float64)
-
-
-def _wanted(experiment: Experiment, flange: Array) -> TipPose:
-    """The pose of the load point with the flange at (4, 4)."""
-    return TipPose((flange[:3, 3] + flange[:3, :3] @ experiment.load_point)[None], flange[None, :3, :3])
-
-
-def _flange(experiment: Experiment, pose: TipPose) -> Array:
-    """The flange (N, 4, 4) in the base frame of poses of the load point."""
-    flange = np.tile(np.eye(4), (len(pose), 1, 1))
-    flange[:, :3, :3] = pose.rotation
-    flange[:, :3, 3] = pose.position - pose.rotation @ experiment.load_point
-    return flange

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from qsframework.applications.day.day import Day, Judged
-from qsframework.applications.day.floor import FloorJudged
+from qsframework.applications.day.day import Day, FloorJudged, Judged
 from qsframework.applications.day.judge import Check
 from qsframework.applications.day.mistakes import Explanation
 from qsframework.applications.day.record import Slot
