@@ -149,7 +149,8 @@ def _roots(urdf: Urdf) -> Iterator[Problem]:
 def _mass(urdf: Urdf, link: Link, moving: bool) -> Iterator[Problem]:
     inertial, owner = link.inertial, f"link {link.name!r}"
     if inertial is None:
-        if moving and not _carries_mass(urdf, link.name):
+        fixed = urdf.fixed_to(link.name)[1:] if moving else []  # a mass there counts for both
+        if moving and not any(o.inertial is not None and o.inertial.mass > 0 for o in urdf.links if o.name in fixed):
             yield link.place.problem(f"{owner} moves but has no <inertial>", hint="It needs mass, centre and inertia.")
         return
     if inertial.mass < 0 or (inertial.mass == 0 and moving):
@@ -173,16 +174,6 @@ def _mass(urdf: Urdf, link: Link, moving: bool) -> Iterator[Problem]:
             f"{owner}: no body has this inertia, one moment exceeds the sum of the other two (triangle inequality)",
             found=found,
         )
-
-
-def _carries_mass(urdf: Urdf, name: str) -> bool:
-    """Whether a link fixed to this one has a mass, which counts for both."""
-    fixed, todo = set[str](), [name]
-    while todo:
-        here = {joint.child for joint in urdf.joints if joint.parent == todo[-1] and joint.kind == "fixed"} - fixed
-        fixed |= here
-        todo = [*todo[:-1], *here]
-    return any(link.inertial is not None and link.inertial.mass > 0 for link in urdf.links if link.name in fixed)
 
 
 def _joint(urdf: Urdf, joint: Joint) -> Iterator[Problem]:

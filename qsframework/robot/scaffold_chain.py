@@ -94,16 +94,7 @@ def _flange(urdf: Urdf, base: str) -> str:
     if called is None:
         last = _before_a_spin(chain_joints(urdf, base, ends[0].child) or [], ends[0])
         last = _quill(urdf, last) if last is ends[0] else last
-    return min(_fixed_to(urdf, last.child), key=_rank, default=last.child)
-
-
-def _fixed_to(urdf: Urdf, link: str) -> list[str]:
-    """The links with a flange's name that are fixed to a link, and the link itself."""
-    here = fixed = [link]
-    while here:
-        here = [j.child for j in urdf.joints if j.parent in here and j.kind == "fixed"]
-        fixed = [*fixed, *here]
-    return [name for name in fixed if _rank(name) < len(_FLANGES)]
+    return min(urdf.fixed_to(last.child), key=_rank)
 
 
 def _rank(link: str) -> int:

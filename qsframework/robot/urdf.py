@@ -140,13 +140,18 @@ class Urdf:
 
     def below(self, link: str) -> list[Joint]:
         """All joints on the far side of a link, parents first."""
-        open_links = [link]
-        found: list[Joint] = []
-        while open_links:
-            here = [joint for joint in self.joints if joint.parent == open_links[0]]
-            found += here
-            open_links = [*open_links[1:], *(joint.child for joint in here)]
-        return found
+        below = [joint for joint in self.joints if joint.parent == link]
+        for upper in below:  # which grows meanwhile
+            below += [joint for joint in self.joints if joint.parent == upper.child]
+        return below
+
+    def fixed_to(self, link: str) -> list[str]:
+        """A link and all that is fixed to it, the nearest first."""
+        links = [link]
+        for parent in links:  # which grows meanwhile
+            fixed = (j.child for j in self.joints if j.parent == parent and j.kind == "fixed")
+            links += [child for child in fixed if child not in links]
+        return links
 
 
 def read_urdf(path: Path, folder: Path, sources: Sources | None = None) -> Urdf:

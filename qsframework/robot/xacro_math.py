@@ -7,6 +7,7 @@ data, so only numbers, texts, lists, tables, the names of the file and the funct
 from __future__ import annotations
 
 import ast
+import builtins
 import math
 import operator
 from collections.abc import Callable, Mapping
@@ -28,43 +29,15 @@ class NotAllowed(ValueError):
 FUNCTIONS: dict[str, Callable[..., Any]] = {
     name: getattr(math, name)
     for name in (
-        "acos",
-        "asin",
-        "atan",
-        "atan2",
-        "ceil",
-        "copysign",
-        "cos",
-        "degrees",
-        "exp",
-        "fabs",
-        "floor",
-        "fmod",
-        "hypot",
-        "log",
-        "log10",
-        "pow",
-        "radians",
-        "sin",
-        "sqrt",
-        "tan",
+        *("acos", "asin", "atan", "atan2", "cos", "hypot", "sin", "tan", "degrees", "radians"),
+        *("ceil", "copysign", "exp", "fabs", "floor", "fmod", "log", "log10", "pow", "sqrt"),
     )
 } | {
-    "abs": abs,
-    "all": all,
-    "any": any,
-    "bool": bool,
-    "dict": dict,
-    "float": float,
-    "int": int,
-    "len": len,
-    "list": list,
-    "max": max,
-    "min": min,
-    "round": round,
-    "sorted": sorted,
-    "str": str,
-    "sum": sum,
+    name: getattr(builtins, name)
+    for name in (
+        *("abs", "all", "any", "len", "max", "min", "round", "sorted", "sum"),
+        *("bool", "dict", "float", "int", "list", "str"),
+    )
 }
 _METHODS: dict[type, tuple[str, ...]] = {
     str: (
@@ -77,42 +50,34 @@ _METHODS: dict[type, tuple[str, ...]] = {
 """What a text, a list and a table may be asked."""
 
 
-def _ratio(a: Any, b: Any) -> Any:
-    return a / b
-
-
-def _whole(a: Any, b: Any) -> Any:
-    return a // b
-
-
 def _power(a: Any, b: Any) -> float:
     return float(a) ** float(b)
 
 
-def _inside(a: Any, b: Any) -> bool:
+def _within(a: Any, b: Any) -> bool:
     return a in b
 
 
-def _outside(a: Any, b: Any) -> bool:
+def _not_within(a: Any, b: Any) -> bool:
     return a not in b
 
 
-def _same(a: Any, b: Any) -> bool:
+def _is(a: Any, b: Any) -> bool:
     if b is not None:
         raise NotAllowed("`is` asks of None only in a robot file")
     return a is None
 
 
-def _other(a: Any, b: Any) -> bool:
-    return not _same(a, b)
+def _is_not(a: Any, b: Any) -> bool:
+    return not _is(a, b)
 
 
 _OPERATORS: dict[type[ast.AST], Callable[..., Any]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
     ast.Mult: operator.mul,
-    ast.Div: _ratio,
-    ast.FloorDiv: _whole,
+    ast.Div: operator.truediv,
+    ast.FloorDiv: operator.floordiv,
     ast.Mod: operator.mod,
     ast.Pow: _power,
     ast.Eq: operator.eq,
@@ -121,10 +86,10 @@ _OPERATORS: dict[type[ast.AST], Callable[..., Any]] = {
     ast.LtE: operator.le,
     ast.Gt: operator.gt,
     ast.GtE: operator.ge,
-    ast.In: _inside,
-    ast.NotIn: _outside,
-    ast.Is: _same,
-    ast.IsNot: _other,
+    ast.In: _within,
+    ast.NotIn: _not_within,
+    ast.Is: _is,
+    ast.IsNot: _is_not,
     ast.UAdd: operator.pos,
     ast.USub: operator.neg,
     ast.Not: operator.not_,
@@ -229,11 +194,9 @@ def _is_function(value: object) -> bool:
 
 
 def _item(owner: Any, key: Any) -> Any:
-    if is_list(owner) and isinstance(key, int) and -len(owner) <= key < len(owner):
-        return owner[key]
     if is_mapping(owner):
         return _entry(owner, key)
-    if isinstance(owner, str) and isinstance(key, int) and -len(owner) <= key < len(owner):
+    if (is_list(owner) or isinstance(owner, str)) and isinstance(key, int) and -len(owner) <= key < len(owner):
         return owner[key]
     raise ValueError(f"there is no entry {key!r} in a {'list' if is_list(owner) else 'value'}")
 
