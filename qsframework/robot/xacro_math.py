@@ -50,49 +50,35 @@ _METHODS: dict[type, tuple[str, ...]] = {
 """What a text, a list and a table may be asked."""
 
 
-def _power(a: Any, b: Any) -> float:
-    return float(a) ** float(b)
-
-
-def _within(a: Any, b: Any) -> bool:
-    return a in b
-
-
-def _not_within(a: Any, b: Any) -> bool:
-    return a not in b
-
-
 def _is(a: Any, b: Any) -> bool:
     if b is not None:
         raise NotAllowed("`is` asks of None only in a robot file")
     return a is None
 
 
-def _is_not(a: Any, b: Any) -> bool:
-    return not _is(a, b)
-
-
-_OPERATORS: dict[type[ast.AST], Callable[..., Any]] = {
+_SIGNS: dict[type[ast.AST], Callable[[Any], Any]] = {
+    ast.UAdd: operator.pos,
+    ast.USub: operator.neg,
+    ast.Not: operator.not_,
+}
+_OPERATORS: dict[type[ast.AST], Callable[[Any, Any], Any]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
     ast.Mult: operator.mul,
-    ast.Div: operator.truediv,
-    ast.FloorDiv: operator.floordiv,
+    ast.Div: lambda a, b: a / b,
+    ast.FloorDiv: lambda a, b: a // b,
     ast.Mod: operator.mod,
-    ast.Pow: _power,
+    ast.Pow: lambda a, b: float(a) ** float(b),
     ast.Eq: operator.eq,
     ast.NotEq: operator.ne,
     ast.Lt: operator.lt,
     ast.LtE: operator.le,
     ast.Gt: operator.gt,
     ast.GtE: operator.ge,
-    ast.In: _within,
-    ast.NotIn: _not_within,
+    ast.In: lambda a, b: a in b,
+    ast.NotIn: lambda a, b: a not in b,
     ast.Is: _is,
-    ast.IsNot: _is_not,
-    ast.UAdd: operator.pos,
-    ast.USub: operator.neg,
-    ast.Not: operator.not_,
+    ast.IsNot: lambda a, b: not _is(a, b),
 }
 
 
@@ -134,8 +120,8 @@ def _value(node: ast.expr, scope: _Scope) -> Any:
             return node.value
         case ast.Name():
             return _name(node.id, scope.names)
-        case ast.UnaryOp() if type(node.op) in _OPERATORS:
-            return _OPERATORS[type(node.op)](_value(node.operand, scope))
+        case ast.UnaryOp() if type(node.op) in _SIGNS:
+            return _SIGNS[type(node.op)](_value(node.operand, scope))
         case ast.BinOp():
             return _binary(node.op, _value(node.left, scope), _value(node.right, scope))
         case ast.BoolOp():
