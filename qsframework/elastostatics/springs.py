@@ -61,11 +61,18 @@ def faces(effect: ParallelSpring, motion: Motion, x: Array) -> Faces:
             term = slope
         else:
             term = StiffnessTerm(term.value + slope.value, term.dq + slope.dq, term.dx + slope.dx)
-    if term is None:
-        k = len(joints)
-        empty = np.zeros((len(q), k, k))
-        term = StiffnessTerm(empty, np.zeros((len(q), k, k, k)), np.zeros((len(q), k, k, len(x))))
-    return Faces(joints, torque, term)
+    return Faces(joints, torque, term or no_stiffness(len(q), len(joints), len(x)))
+
+
+def no_stiffness(batch: int, joints: int, parameters: int) -> StiffnessTerm:
+    """The stiffness of a spring that has none."""
+    shape = (batch, joints, joints)
+    return StiffnessTerm(np.zeros(shape), np.zeros((*shape, joints)), np.zeros((*shape, parameters)))
+
+
+def touched(springs: Sequence[Faces]) -> tuple[int, ...]:
+    """The joints that parallel springs act on."""
+    return tuple(sorted({j for spring in springs for j in spring.joints}))
 
 
 def _slope(effect: ParallelSpring, q: Array, x: Array, context: Context, term: TorqueTerm) -> StiffnessTerm:

@@ -157,10 +157,6 @@ def _pulled(ev: PlacedArm, pull: pulls.Pull, i: int) -> Change:
     return Change(K=K, preload=combine(coefficients, pull.torque_by(i)) if ev.preloaded else None)
 
 
-def _law(ev: PlacedArm, number: int, i: int) -> Change:
-    return Change(law=(number, i))
-
-
 def _load(ev: PlacedArm, number: int, i: int) -> Change:
     terms = ev.applied.terms
     wrench = loads.wrench_along(terms, None, terms[number].dx[..., i], number + 1)
@@ -170,10 +166,6 @@ def _load(ev: PlacedArm, number: int, i: int) -> Change:
         own = loads.of_bodies(moments[..., i], ev.model.facts)
         preload = loads.gravity_torque(ev.state, own, ev.model.gravity)
     return Change(tau=loads.wrench_torque(ev.state.tip, wrench.T), preload=preload)
-
-
-def _sensor(ev: PlacedArm, number: int, i: int) -> Change:
-    return Change(sensor=(number, i))
 
 
 def _geometry(ev: PlacedArm, number: int, i: int) -> Change:
@@ -241,7 +233,7 @@ _RULES: dict[type[Effect], Callable[[PlacedArm, int, int], Change]] = {
     Geometry: _geometry,
     Loop: _loop,
     ParallelSpring: _parallel,
-    SpringLaw: _law,
+    SpringLaw: lambda _, number, i: Change(law=(number, i)),
     Load: _load,
-    Sensor: _sensor,
+    Sensor: lambda _, number, i: Change(sensor=(number, i)),
 }
