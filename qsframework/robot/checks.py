@@ -72,15 +72,11 @@ def chain_joints(urdf: Urdf, base: str, flange: str) -> list[Joint] | None:
     return chain[::-1]
 
 
-def branch_joints(urdf: Urdf, base: str, flange: str) -> list[Joint]:
-    """The joints that move beside the chain from base to flange, parents first."""
-    chain = chain_joints(urdf, base, flange) or []
-    return [joint for joint in urdf.below(base) if joint.moves and joint not in chain]
-
-
 def without_branches(urdf: Urdf, base: str, flange: str) -> Urdf:
     """The URDF without the links that move beside the arm."""
-    gone = [joint for top in branch_joints(urdf, base, flange) for joint in (top, *urdf.below(top.child))]
+    chain = chain_joints(urdf, base, flange) or []
+    branches = [joint for joint in urdf.below(base) if joint.moves and joint not in chain]
+    gone = [joint for top in branches for joint in (top, *urdf.below(top.child))]
     links = {joint.child for joint in gone}
     return replace(
         urdf,

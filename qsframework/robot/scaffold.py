@@ -282,17 +282,13 @@ def _found(
             f"limits: {', '.join(far)} would turn more than four times either way: angles of a URDF are in rad. "
             "Where degrees are meant, correct them there, and run qsf new again"
         )
-    bare = [j.child for j in moving if not any(_solids(urdf.link(name)) for name in urdf.fixed_to(j.child))]
-    if bare:
+    links = {j.child: map(urdf.link, urdf.fixed_to(j.child)) for j in moving}
+    if bare := [child for child, own in links.items() if not any(o.visuals or o.meshes or o.collisions for o in own)]:
         notes.append(
             f"solids: no box, cylinder, sphere or mesh of {', '.join(bare)} in {_file(urdf)}: these links are not "
             "checked for collisions and hide nothing from the tracker"
         )
     return tuple(notes)
-
-
-def _solids(link: Link) -> bool:
-    return bool(link.visuals or link.meshes or link.collisions)
 
 
 def _file(urdf: Urdf) -> str:

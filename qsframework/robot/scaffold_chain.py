@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable
 from enum import StrEnum
 
@@ -12,7 +13,7 @@ from qsframework.errors import InputError, Problem, some_of
 from qsframework.plugin import Array
 from qsframework.robot.checks import chain_joints
 from qsframework.robot.scaffold_joints import followers
-from qsframework.robot.urdf import Joint, Urdf
+from qsframework.robot.urdf import Joint, Urdf, placement
 
 _SAME = 1e-4
 _ASKEW = 0.05
@@ -133,10 +134,9 @@ def _before_fingers(urdf: Urdf, base: str, ends: list[Joint], own: Callable[[Joi
 def _quill(urdf: Urdf, last: Joint) -> Joint:
     """The one joint beyond the last that slides along its axis, as a SCARA's quill does; else the last itself."""
     beyond = [j for j in urdf.below(last.child) if _slides(j)]
-    place = np.eye(4)
-    for joint in (chain_joints(urdf, last.child, beyond[0].child) or []) if len(beyond) == 1 else []:
-        place = place @ joint.origin.matrix()
-    along = place[:3, :3] @ beyond[0].axis if len(beyond) == 1 else np.zeros(3)
+    if len(beyond) != 1:
+        return last
+    along = placement(chain_joints(urdf, last.child, beyond[0].child) or [])[:3, :3] @ beyond[0].axis
     size = np.linalg.norm(along) * np.linalg.norm(last.axis)
     return beyond[0] if size > 0.0 and np.linalg.norm(np.cross(last.axis, along)) < _SAME * size else last
 
@@ -148,9 +148,7 @@ def _before_a_spin(chain: list[Joint], last: Joint) -> Joint:
     if len(turning) < 2 or last is not turning[-1]:
         return last
     before = turning[-2]
-    place = np.eye(4)
-    for joint in chain[chain.index(before) + 1 :]:
-        place = place @ joint.origin.matrix()
+    place = placement(chain[chain.index(before) + 1 :])
     axis = before.axis / np.linalg.norm(before.axis)
     other = place[:3, :3] @ (last.axis / np.linalg.norm(last.axis))
     apart = np.linalg.norm(np.cross(axis, place[:3, 3])) + np.linalg.norm(np.cross(axis, other))
@@ -160,10 +158,7 @@ def _before_a_spin(chain: list[Joint], last: Joint) -> Joint:
 def _offered(urdf: Urdf, base: str, ends: list[Joint]) -> str:
     """The links where chains end, and before them those where an arm parts into a hand."""
     paths = [[j.child for j in chain_joints(urdf, base, end.child) or [] if _turns(j)] for end in ends]
-    through: dict[str, int] = {}
-    for path in paths:
-        for link in path[:-1]:
-            through[link] = through.get(link, 0) + 1
+    through = Counter(link for path in paths for link in path[:-1])
     parting: dict[str, str] = {}
     for path in paths:
         for k, link in enumerate(path[:-1]):

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from functools import reduce
 from pathlib import Path
 
 import numpy as np
@@ -152,6 +153,11 @@ class Urdf:
             fixed = (j.child for j in self.joints if j.parent == parent and j.kind == "fixed")
             links += [child for child in fixed if child not in links]
         return links
+
+
+def placement(joints: Iterable[Joint]) -> Array:
+    """Where the last of joints that follow one another stands in the frame before the first (4, 4), all at zero."""
+    return reduce(np.matmul, (joint.origin.matrix() for joint in joints), np.eye(4))
 
 
 def read_urdf(path: Path, folder: Path, sources: Sources | None = None) -> Urdf:
