@@ -233,15 +233,15 @@ def _with_slopes(
 
 def torque(effect: ParallelSpring, q: Array, x: Array, context: Context) -> TorqueTerm | None:
     """`torque` with its first derivatives; None where it has none."""
-    return _face(effect, "torque", TorqueTerm, q.shape, q, x, context)
+    return _parallel_law(effect, "torque", TorqueTerm, q.shape, q, x, context)
 
 
 def stiffness(effect: ParallelSpring, q: Array, x: Array, context: Context) -> StiffnessTerm | None:
     """`stiffness` with all derivatives; None where it has none."""
-    return _face(effect, "stiffness", StiffnessTerm, (*q.shape, q.shape[1]), q, x, context)
+    return _parallel_law(effect, "stiffness", StiffnessTerm, (*q.shape, q.shape[1]), q, x, context)
 
 
-def _face(
+def _parallel_law(
     effect: ParallelSpring, law: str, kind: type[T], shape: tuple[int, ...], q: Array, x: Array, context: Context
 ) -> T | None:
     found = given(effect, law, q, x, context)
