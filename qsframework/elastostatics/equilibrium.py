@@ -225,7 +225,7 @@ def _equivalent(model: Structure, motion: Motion, x: Array) -> springs.ParallelS
     """K_eq of the commanded pose: the compensators' equivalent stiffness alone."""
     blocks: list[tuple[tuple[int, ...], Array]] = []
     for effect, xs in model.of_kind(ParallelSpring, x):
-        joints = tuple(model.facts.joint_index(j) for j in effect.joints(model.facts))
+        joints = springs.joints_of(effect, motion)
         term = laws.stiffness(effect, motion.q[list(joints)].T, xs, motion.context)
         if term is not None:
             blocks.append((joints, term.value))

@@ -11,12 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from qsframework.elastostatics import springs
-from qsframework.elastostatics.direct import element_readings, geometry_tangents
 from qsframework.elastostatics.equilibrium import Settled, settle, stiffness_left
 from qsframework.elastostatics.evaluation import CommandedStiffness, PlacedArm, gather
 from qsframework.elastostatics.sensors import Sensed, sense
 from qsframework.elastostatics.structure import Structure
-from qsframework.elastostatics.tangents import changes, reading_along
+from qsframework.elastostatics.tangents import tangents
 from qsframework.plugin import Array, ParallelSpring, Poses, Sensor, laws
 
 
@@ -62,19 +61,14 @@ class SettledState:
             )
         return out
 
-    def rates(self, wanted: Sequence[int]) -> Array:
+    def tangents(self, wanted: Sequence[int]) -> Array:
         """d reading / d parameter (N, K, 3, P) for the wanted positions in x, by the implicit function theorem.
 
         With eps = c T + f(T) at every x, d eps = (I + diag(c + f') (K - H))^-1 (dc T + df + (c + f') dT), dT at fixed
         eps.
         """
         ev = _placed(self)
-        response, sensed = _response(self.settled), ev.sense(None)
-        out = np.empty((len(wanted), len(ev.state.markers), 3, len(self.poses)))
-        left = geometry_tangents(ev, wanted, lambda: element_readings(ev, sensed, response, self.loaded), out)
-        for row, change in changes(ev, [wanted[i] for i in left]):
-            out[left[row]] = reading_along(ev, sensed, response, change, self.loaded)
-        return out.transpose(3, 1, 2, 0)
+        return tangents(ev, wanted, ev.sense(None), _response(self.settled), self.loaded)
 
 
 def one_state(model: Structure, poses: Poses, x: Array, loaded: bool) -> SettledState:
@@ -110,7 +104,7 @@ def _placed(at: SettledState) -> PlacedArm:
     motion, commanded = settled.at.state.motion, settled.commanded
     faces, stiff = list[springs.Faces](), False
     for effect, xs in model.of_kind(ParallelSpring, x):
-        joints = tuple(model.facts.joint_index(j) for j in effect.joints(model.facts))
+        joints = springs.joints_of(effect, motion)
         torque = laws.torque(effect, motion.q[list(joints)].T, xs, motion.context)
         term = laws.stiffness(effect, commanded.q[list(joints)].T, xs, commanded.context)
         stiff = stiff or term is not None

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from qsframework.elastostatics import loads, pulls, springs
+from qsframework.elastostatics.direct import element_readings, geometry_tangents
 from qsframework.elastostatics.evaluation import PlacedArm, gather, joint_torque
 from qsframework.elastostatics.motion import Motion, MotionRate, combine, mixed_along, motion_along
 from qsframework.elastostatics.sensors import Sensed
@@ -119,6 +120,17 @@ def reading_along(
         return total
     turn = sensed.turn_rate(spin, carried)
     return total + np.einsum("nkij,nkj->kin", sensed.by_rotation, turn)
+
+
+def tangents(
+    ev: PlacedArm, wanted: Sequence[int], sensed: Sensed | None, response: springs.Response, loaded: bool
+) -> Array:
+    """d reading / d parameter (N, K, 3, P) of one state for the wanted positions in x."""
+    out = np.empty((len(wanted), len(ev.state.markers), 3, len(ev.poses)))
+    others = geometry_tangents(ev, wanted, lambda: element_readings(ev, sensed, response, loaded), out)
+    for row, change in changes(ev, [wanted[i] for i in others]):
+        out[others[row]] = reading_along(ev, sensed, response, change, loaded)
+    return out.transpose(3, 1, 2, 0)
 
 
 def _ratio(ev: PlacedArm, effect: Spring, first: int, i: int) -> Change:
