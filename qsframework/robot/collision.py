@@ -201,15 +201,14 @@ def obstacle_collider(
 def lowest_point(shape: Shape, placed: Frames) -> Array:
     """Height (N,) m of a solid's lowest point, base frame."""
     height = placed.point(shape.link, shape.placement[:3, 3])[2]
+    up = np.stack([_axis(shape, placed, k)[2] for k in range(3)])
     if shape.hull is not None:
-        up = np.stack([_axis(shape, placed, k)[2] for k in range(3)])
         lowest = np.full(len(height), np.inf)
         for start in range(0, len(shape.hull.whole), _CORNERS):
             lowest = np.minimum(lowest, (shape.hull.whole[start : start + _CORNERS] @ up).min(axis=0))
         return height + lowest
     if shape.kind == "sphere":
         return height - shape.size[0]
-    up = [_axis(shape, placed, k)[2] for k in range(3)]
     if shape.kind == "box":
         return height - sum(np.abs(u) * side / 2.0 for u, side in zip(up, shape.size, strict=True))
     radius, length = shape.size

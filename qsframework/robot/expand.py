@@ -155,7 +155,6 @@ class _Expansion:
                 setattr(xacro, name, their)
 
     def _value(self, text: str, names: Mapping[str, Any], _: Any = None) -> Any:
-        here = Path(self._current() or self.folder / "robot")
         own: dict[str, Callable[[str], Any]] = {
             "load_yaml": lambda file: self._load_yaml(file, text),
             "arg": lambda name: self._extension(f"$(arg {name})"),
@@ -163,7 +162,7 @@ class _Expansion:
         try:
             found = evaluate(text, names, own)
         except ValueError:
-            self.failed = (here, text)
+            self.failed = (self._here, text)
             raise
         if is_mapping(found) or is_list(found) or isinstance(found, str):
             self._grow(len(str(found)))
@@ -171,7 +170,7 @@ class _Expansion:
 
     def _load_yaml(self, name: str, expression: str) -> dict[str, Any]:
         """The table of a YAML file, which may use xacro's tags for units; placed where the expression stands."""
-        here = Path(self._current() or self.folder / "robot")
+        here = self._here
         path = here.parent / name.removeprefix("file://")
         problem = None
         if len(name) > _LONGEST_NAME or not any(inside(path, folder) for folder in self.roots):
@@ -238,6 +237,10 @@ class _Expansion:
     def _current(self) -> str | None:
         stack = [name for name in self._xacro.filestack or () if name]
         return next((name for name in reversed(stack) if name in self.files), None)
+
+    @property
+    def _here(self) -> Path:
+        return Path(self._current() or self.folder / "robot")
 
     def _extension(self, text: str) -> str:
         """`$(find package)` is a folder of the robot's folder, `$(arg name)` an argument; no others."""

@@ -11,7 +11,6 @@ import builtins
 import math
 import operator
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any, cast
 
 from qsframework.files.plain import is_list, is_mapping
@@ -93,18 +92,14 @@ def evaluate(expression: str, names: Mapping[str, Any], own: Mapping[str, Callab
         body = ast.parse(expression.strip(), mode="eval").body
     except SyntaxError as error:
         raise ValueError(f"not an expression: {expression.strip()!r}") from error
-    found = _value(body, _Scope(names, own or {}))
+    found = _value(body, (names, own or {}))
     if not _is_data(found):
         raise ValueError(f"{expression.strip()!r} is no number, text, list or table of values")
     return found
 
 
-@dataclass(frozen=True)
-class _Scope:
-    """The names of an expression, and the functions of the file."""
-
-    names: Mapping[str, Any]
-    own: Mapping[str, Callable[[str], Any]]
+Scope = tuple[Mapping[str, Any], Mapping[str, Callable[[str], Any]]]
+"""The names of an expression, and the functions of the file."""
 
 
 def _is_data(value: Any) -> bool:
@@ -114,12 +109,12 @@ def _is_data(value: Any) -> bool:
     return all(_is_data(v) for v in value) if is_list(value) else isinstance(value, bool | int | float | str | None)
 
 
-def _value(node: ast.expr, scope: _Scope) -> Any:
+def _value(node: ast.expr, scope: Scope) -> Any:
     match node:
         case ast.Constant(value=bool() | int() | float() | str() | None):
             return node.value
         case ast.Name():
-            return _name(node.id, scope.names)
+            return _name(node.id, scope[0])
         case ast.UnaryOp() if type(node.op) in _SIGNS:
             return _SIGNS[type(node.op)](_value(node.operand, scope))
         case ast.BinOp():
@@ -147,7 +142,7 @@ def _value(node: ast.expr, scope: _Scope) -> Any:
             raise NotAllowed("only arithmetic is allowed in an expression of a robot file")
 
 
-def _table(node: ast.Dict, scope: _Scope) -> dict[str, Any]:
+def _table(node: ast.Dict, scope: Scope) -> dict[str, Any]:
     """`{'name': value, ..}`, whose keys are texts."""
     keys = [_value(key, scope) for key in node.keys if key is not None]
     if not all(isinstance(key, str) for key in keys):
@@ -155,7 +150,7 @@ def _table(node: ast.Dict, scope: _Scope) -> dict[str, Any]:
     return dict(zip(keys, _list([_value(value, scope) for value in node.values]), strict=True))
 
 
-def _part(owner: Any, part: ast.Slice, scope: _Scope) -> Any:
+def _part(owner: Any, part: ast.Slice, scope: Scope) -> Any:
     """`text[1:]`, `list[:3]`."""
     ends = [None if end is None else _value(end, scope) for end in (part.lower, part.upper, part.step)]
     if not isinstance(owner, str | list) or not all(end is None or type(end) is int for end in ends):
@@ -198,23 +193,22 @@ def _entry(owner: Mapping[str, Any], key: Any) -> Any:
     return value
 
 
-def _attribute(node: ast.Attribute, scope: _Scope) -> Any:
+def _attribute(node: ast.Attribute, scope: Scope) -> Any:
     owner = _value(node.value, scope)
     if not is_mapping(owner):
         raise ValueError(f"{node.attr!r} is not the name of a value")
     return _entry(owner, node.attr) if _is_data(owner) else _name(node.attr, owner)
 
 
-def _call(node: ast.Call, scope: _Scope) -> Any:
+def _call(node: ast.Call, scope: Scope) -> Any:
+    _, of_file = scope
     named = {keyword.arg: _value(keyword.value, scope) for keyword in node.keywords if keyword.arg}
     if len(named) < len(node.keywords) or not _is_data(named):
         raise NotAllowed(f"{ast.unparse(node)!r} is not allowed in a robot file")
     match node.func:
-        case ast.Name(id=name) | ast.Attribute(value=ast.Name(id="xacro"), attr=name) if (
-            name in scope.own and not named
-        ):
+        case ast.Name(id=name) | ast.Attribute(value=ast.Name(id="xacro"), attr=name) if name in of_file and not named:
             (text,) = _arguments(node, scope)
-            return scope.own[name](str(text))
+            return of_file[name](str(text))
         case ast.Name(id="dict") | ast.Attribute(value=ast.Name(id="python"), attr="dict"):
             return _data(dict(*_arguments(node, scope), **named))
         case ast.Name(id=name) | ast.Attribute(value=ast.Name(id="math" | "python"), attr=name) if (
@@ -254,7 +248,7 @@ def _data(value: Any) -> Any:
     return value
 
 
-def _arguments(node: ast.Call, scope: _Scope) -> list[Any]:
+def _arguments(node: ast.Call, scope: Scope) -> list[Any]:
     """The values between the brackets: data, for the text of what is no data tells where it lies in memory."""
     found = [_value(argument, scope) for argument in node.args]
     if not all(map(_is_data, found)):
