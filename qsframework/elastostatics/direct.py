@@ -12,7 +12,6 @@ on the tip, P = p, and F for gravity, P = W_e the sum of mass times p_e over the
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -29,12 +28,8 @@ _FEW = 3
 """Parameters below which a pass for each costs less than all elements."""
 
 
-@dataclass(frozen=True, eq=False)
-class Bending:
-    """Deflections of the elements (m, N), and how the coordinates' deflections react to each element (ne, m, N)."""
-
-    eps: Array
-    rate: Array
+Bending = tuple[Array, Array]
+"""Deflections of the elements (m, N), and how the coordinates' deflections react to each element (ne, m, N)."""
 
 
 def element_readings(ev: PlacedArm, sensed: Sensed | None, response: Response | None, loaded: bool) -> Array:
@@ -42,7 +37,7 @@ def element_readings(ev: PlacedArm, sensed: Sensed | None, response: Response | 
     deflects. Not of the elements that loops and compensators turn."""
     count, batch = len(ev.model.layout.chain), len(ev.poses)
     bending = None if response is None else _bending(ev, response, loaded)
-    bent = bending is not None and bool(np.any(bending.eps))
+    bent = bending is not None and bool(np.any(bending[0]))
     straight = sensed is None or bool(np.all(sensed.by_position == np.eye(3)))
     out = np.empty((count, len(ev.state.markers), 3, batch))
     first: dict[int, tuple[PlacedSite, Array, Array]] = {}
@@ -70,15 +65,16 @@ def _motion(marker: PlacedSite, count: int, bending: Bending | None, eps: Array 
     shift[:u], turn[:u] = columns.linear, columns.angular
     if bending is None:
         return shift, turn
-    soft = np.flatnonzero(bending.rate.any(axis=(1, 2)))
-    spin = np.einsum("ckn,cmn->mkn", marker.angular[soft], bending.rate[soft])
+    deflections, rate = bending
+    soft = np.flatnonzero(rate.any(axis=(1, 2)))
+    spin = np.einsum("ckn,cmn->mkn", marker.angular[soft], rate[soft])
     if eps is not None:
-        shift[:u] += twists_along(columns, bending.eps[:u]).linear
-        moving = columns.angular * bending.eps[:u, None, :]
+        shift[:u] += twists_along(columns, deflections[:u]).linear
+        moving = columns.angular * deflections[:u, None, :]
         spin[:u] += cross(columns.angular, moving.sum(axis=0) - np.cumsum(moving, axis=0))
         turned = np.einsum("ecn,en->nc", marker.angular, eps)
         turn, spin = _times(exponential(turned), turn), _times(left_jacobian(turned), spin)
-    shift += np.einsum("ckn,cmn->mkn", marker.linear[soft], bending.rate[soft])
+    shift += np.einsum("ckn,cmn->mkn", marker.linear[soft], rate[soft])
     return shift, turn + spin
 
 
@@ -110,7 +106,7 @@ def _bending(ev: PlacedArm, response: Response, loaded: bool) -> Bending | None:
         for c in soft:
             torque[c, : len(turned)] += np.einsum("cn,enc->en", tip.linear[c], turned[..., :3])
             torque[c, : len(turned)] += np.einsum("cn,enc->en", tip.angular[c], turned[..., 3:])
-    return Bending(eps, response.react(response.slope[:, None] * torque))
+    return eps, response.react(response.slope[:, None] * torque)
 
 
 def _acting(ev: PlacedArm, loaded: bool) -> Iterator[tuple[Twists, Array, Array | None]]:

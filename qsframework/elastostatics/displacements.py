@@ -48,20 +48,20 @@ def evaluate(model: Structure, poses: Poses, x: Array) -> Evaluation:
 
 
 def displacement(ev: Evaluation) -> Array:
-    """Loaded minus unloaded reading of each marker, (K, 3, N) m."""
+    """Loaded minus unloaded reading (N, K, 3) m of each marker."""
     if ev.sensed is not None:
-        return ev.sensed[1].position - ev.sensed[0].position
-    return carry(ev.state.markers, ev.deflection)
+        return (ev.sensed[1].position - ev.sensed[0].position).transpose(2, 0, 1)
+    return carry(ev.state.markers, ev.deflection).transpose(2, 0, 1)
 
 
 def sensitivities(ev: Evaluation, wanted: Sequence[int]) -> Array:
-    """d reading / d parameter for the wanted positions in x: (P, K, 3, N)."""
+    """d reading / d parameter (N, K, 3, P) for the wanted positions in x."""
     out = np.empty((len(wanted), len(ev.state.markers), 3, len(ev.poses)))
     acting = replace(ev, preload=None) if _preload_cancels(ev) else ev
     left = geometry_tangents(ev, wanted, lambda: _by_element(acting), out)
     for row, change in changes(acting, [wanted[i] for i in left]):
         out[left[row]] = _along(ev, change)
-    return out
+    return out.transpose(3, 1, 2, 0)
 
 
 def _by_element(ev: Evaluation) -> Array:

@@ -17,7 +17,7 @@ from qsframework.elastostatics.evaluation import elastic_laws, gather, move_comm
 from qsframework.elastostatics.hessian import load_hessian
 from qsframework.elastostatics.motion import Motion, move
 from qsframework.elastostatics.state import State, place
-from qsframework.elastostatics.structure import CHUNK, Structure
+from qsframework.elastostatics.structure import Structure, chunks
 from qsframework.errors import InputError, NotConverged
 from qsframework.plugin import Array, GeometryTerm, Load, ParallelSpring, Poses, laws
 
@@ -59,7 +59,7 @@ def equilibrium(model: Structure, poses: Poses, x: Array | None = None, loaded: 
 
     Raises NotConverged if a pose does not settle (a load beyond the arm's stability).
     """
-    parts = [_outcome(settle(model, chunk, x, loaded)) for chunk in _chunks(poses)]
+    parts = [_outcome(settle(model, chunk, x, loaded)) for _, chunk in chunks(poses)]
     return Equilibrium(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
 
@@ -80,17 +80,13 @@ def cartesian_stiffness(model: Structure, poses: Poses) -> Array:
 def cartesian_compliance(model: Structure, poses: Poses, x: Array | None = None, hessian: bool = True) -> Array:
     """Tip twist per unit wrench (N, 6, 6) at the loaded equilibrium: D (I - C H)^-1 C D'."""
     parts: list[Array] = []
-    for chunk in _chunks(poses):
+    for _, chunk in chunks(poses):
         s = settle(model, chunk, x, True)
         H = s.at.hessian() if hessian else s.at.hessian(weight=0.0, gravity=False)
         tip = s.at.state.tip
         D = np.concatenate([tip.linear, tip.angular], axis=1)
         parts.append(np.einsum("ecn,edn->ncd", D, _react(s.at.slope, s.K, H, s.at.slope[:, None] * D)))
     return np.concatenate(parts)
-
-
-def _chunks(poses: Poses) -> list[Poses]:
-    return [poses.take(slice(start, start + CHUNK)) for start in range(0, len(poses), CHUNK)]
 
 
 def _outcome(s: Settled) -> tuple[Array, Array, Array, Array]:
@@ -229,7 +225,7 @@ def _equivalent(model: Structure, motion: Motion, x: Array) -> springs.ParallelS
     """K_eq of the commanded pose: the compensators' equivalent stiffness alone."""
     blocks: list[tuple[tuple[int, ...], Array]] = []
     for effect, xs in model.of_kind(ParallelSpring, x):
-        joints = tuple(model.facts.joint_index(j) for j in effect.joints(model.facts))
+        joints = springs.joints_of(effect, motion)
         term = laws.stiffness(effect, motion.q[list(joints)].T, xs, motion.context)
         if term is not None:
             blocks.append((joints, term.value))

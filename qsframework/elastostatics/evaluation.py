@@ -76,7 +76,7 @@ class PlacedArm:
     @property
     def touched(self) -> tuple[int, ...]:
         """The joints that parallel springs act on."""
-        return tuple(sorted({j for f in self.faces for j in f.joints}))
+        return springs.touched(self.faces)
 
     @cached_property
     def masses(self) -> tuple[Twists, ...]:
@@ -122,7 +122,7 @@ def evaluate_stages(model: Structure, poses: Poses, x: Array, preload: bool, loa
     tau = loads.wrench_torque(state.tip, applied.wrench.T)
     faces = tuple(springs.faces(e, motion, xs) for e, xs in model.of_kind(ParallelSpring, x))
     drawn = tuple(pulls.pulls(model.of_kind(ParallelSpring, x), state.placed, motion.context))
-    touched = tuple(sorted({j for f in faces for j in f.joints}))
+    touched = springs.touched(faces)
     rates = springs.joint_rates(motion, touched, active_coordinates(motion, touched, drawn))
     joint_stiffness = gather(touched, [(f.joints, f.stiffness.value) for f in faces], len(poses))
     K = springs.ParallelStiffness(rates.active, springs.sandwich(rates.E, joint_stiffness, rates.E))
@@ -211,8 +211,7 @@ def _preload(
 ) -> Array:
     """tau_0: gravity and the compensators' torques on the coordinates, (ne, N)."""
     torque = loads.gravity_torque(state, applied.moments, model.gravity)
-    touched = tuple(sorted({j for f in faces for j in f.joints}))
-    joints = joint_torque(faces, touched, torque.shape[1])
+    joints = joint_torque(faces, springs.touched(faces), torque.shape[1])
     torque[list(rates.active)] += np.einsum("jan,jn->an", rates.E, joints)
     pulled = pulls.torque(drawn, state.motion.coefficients)
     return torque if pulled is None else torque + pulled

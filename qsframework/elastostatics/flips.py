@@ -13,7 +13,7 @@ import numpy as np
 
 from qsframework.elastostatics.layout import LoopPlace, Member
 from qsframework.elastostatics.motion import Motion
-from qsframework.elastostatics.structure import CHUNK, Structure
+from qsframework.elastostatics.structure import Structure, chunks
 from qsframework.elastostatics.torques import element_torques
 from qsframework.plugin import Array, Poses
 
@@ -24,8 +24,7 @@ def flip_margin(model: Structure, poses: Poses) -> Array:
     The smallest of the torques that they pass on to the driven actuator, unloaded and loaded, counted in the unloaded
     direction: negative where the load flips a joint; infinite for an arm without loops.
     """
-    parts = [_margin(model, poses.take(slice(s, s + CHUNK)), model.nominal) for s in range(0, len(poses), CHUNK)]
-    return np.concatenate(parts) if parts else np.zeros(0)
+    return np.concatenate([_margin(model, chunk, model.nominal) for _, chunk in chunks(poses)])
 
 
 def _margin(model: Structure, poses: Poses, x: Array) -> Array:

@@ -90,21 +90,12 @@ def _curvature(motion: Motion, torque: Array) -> Array:
             (c, index, part.factor)
             for c, parts in enumerate(motion.layout.coordinates)
             for part in parts
-            if (index := _position(place.joints, place.bars, part.kind, part.index)) is not None
+            if (index := place.input(part.kind, part.index)) is not None
         ]
         for c, u, first in inside:
             for d, v, second in inside:
                 total[c, d] += first * second * bend[u, v]
     return total
-
-
-def _position(joints: tuple[int, ...], bars: tuple[int, ...], kind: str, index: int) -> int | None:
-    """Position of an actuator or bar among a loop's inputs u = (actuators, bars)."""
-    if kind == "actuator" and index in joints:
-        return joints.index(index)
-    if kind == "bar" and index in bars:
-        return len(joints) + bars.index(index)
-    return None
 
 
 def _turning(state: State, applied: Applied, weight: float) -> Array | float:

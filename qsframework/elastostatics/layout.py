@@ -49,6 +49,11 @@ class LoopPlace:
     joints: tuple[int, ...]
     bars: tuple[int, ...]
 
+    def input(self, kind: str, index: int) -> int | None:
+        """Position of an actuator or a bar among the inputs u = (actuators, bars); None of all others."""
+        inputs = [*(("actuator", joint) for joint in self.joints), *(("bar", bar) for bar in self.bars)]
+        return inputs.index((kind, index)) if (kind, index) in inputs else None
+
     def of(self, member: Member) -> list[int]:
         """The joints of one of its loops, among all that turn."""
         return [self.joints[j] for j in member.joints]
@@ -92,15 +97,13 @@ def make_layout(facts: RobotFacts, effects: Sequence[Effect]) -> Layout:
     builder.build(list(virtual))
     coordinates: list[tuple[CoordinatePart, ...]] = []
     for spring in springs:
-        places = [builder.part(v, loops) for v in spring.virtual_joints(facts)]
-        if not mixes(spring):  # one to one
-            coordinates += [(CoordinatePart(*place, 1.0),) for place in places]
-            continue
-        every = tuple(CoordinatePart(*place, 1.0) for place in places)  # until `mixed` knows the shares
-        coordinates += [every] * len(spring.compliances(facts))
+        parts = tuple(CoordinatePart(*builder.part(v, loops), 1.0) for v in spring.virtual_joints(facts))
+        one_to_one = [(part,) for part in parts]  # else each moves all, until `mixed` knows the shares
+        coordinates += [parts] * len(spring.compliances(facts)) if mixes(spring) else one_to_one
+    limbs = tuple(facts.body_index(branch.parent) for branch in facts.branches)
     return Layout(
         facts=facts,
-        chain=Chain(tuple(builder.elements), tuple(builder.stops), builder.limbs),
+        chain=Chain(tuple(builder.elements), tuple(builder.stops), limbs),
         joint_elements=tuple(builder.joint_elements),
         placement_elements=np.array(builder.placement_elements) if builder.perturbed else None,
         loops=loops,
@@ -122,12 +125,11 @@ def mixed(layout: Layout, springs: Sequence[tuple[Spring, Array]], context: Cont
     out: list[tuple[CoordinatePart, ...]] = []
     for spring, x in springs:
         first, count = len(out), len(spring.compliances(layout.facts))
-        if not mixes(spring):
-            out += layout.coordinates[first : first + count]
-            continue
-        shares = laws.mixing(spring, x, context)
-        for i, parts in enumerate(layout.coordinates[first : first + count]):
-            out.append(shared(parts, shares[..., i]))
+        own = layout.coordinates[first : first + count]
+        if mixes(spring):
+            shares = laws.mixing(spring, x, context)
+            own = [shared(parts, shares[..., i]) for i, parts in enumerate(own)]
+        out += own
     return replace(layout, coordinates=tuple(out))
 
 
@@ -176,46 +178,39 @@ class _Builder:
         self.virtual: dict[VirtualJoint, int] = {}
 
     def build(self, virtual: Sequence[VirtualJoint]) -> None:
-        here = np.eye(4)
-        for v in (v for v in virtual if self.facts.link_index(v.link) == 0):
-            here = self._add_virtual(v, here)
+        here = self._add_virtual([v for v in virtual if self.facts.link_index(v.link) == 0], np.eye(4))
         self.stops.append(len(self.elements))
         for k in range(self.facts.n):
             here = here @ self.facts.placements[k]
             if self.perturbed:
                 here = self._add_placement(here)
             mine = [v for v in virtual if self.facts.link_index(v.link) == k + 1]
-            for v in (v for v in mine if v.side == "before" and v.link in self.facts.links):
-                here = self._add_virtual(v, here)
+            on_link = [v for v in mine if v.link in self.facts.links]
+            here = self._add_virtual([v for v in on_link if v.side == "before"], here)
             self.joint_elements.append(self._add(here, self.facts.axes[k], not self.facts.sliding[k]))
-            here = np.eye(4)
-            for v in (v for v in mine if v.side == "after" and v.link in self.facts.links):
-                here = self._add_virtual(v, here)
+            here = self._add_virtual([v for v in on_link if v.side == "after"], np.eye(4))
             self._add_on_flange([v for v in mine if v.link not in self.facts.links])
             self.stops.append(len(self.elements))
         for branch in self.facts.branches:
             self.joint_elements.append(self._add(branch.placement, branch.axis, True))
 
-    @property
-    def limbs(self) -> tuple[int, ...]:
-        return tuple(self.facts.body_index(branch.parent) for branch in self.facts.branches)
-
     def _add(self, placement: Array, axis: Array, rotation: bool) -> int:
         self.elements.append(Element(placement, np.asarray(axis, dtype=float), rotation))
         return len(self.elements) - 1
 
-    def _add_virtual(self, v: VirtualJoint, placement: Array) -> Array:
-        axis = np.eye(3)["xyz".index(v.axis)] if isinstance(v.axis, str) else np.asarray(v.axis, dtype=float)
-        self.virtual[v] = self._add(placement, axis / np.linalg.norm(axis), v.kind == "rotation")
-        return np.eye(4)
+    def _add_virtual(self, virtual: Sequence[VirtualJoint], placement: Array) -> Array:
+        """Virtual joints, the first at a placement; the placement of what follows them."""
+        for v in virtual:
+            axis = np.eye(3)["xyz".index(v.axis)] if isinstance(v.axis, str) else np.asarray(v.axis, dtype=float)
+            self.virtual[v] = self._add(placement, axis / np.linalg.norm(axis), v.kind == "rotation")
+            placement = np.eye(4)
+        return placement
 
     def _add_on_flange(self, virtual: Sequence[VirtualJoint]) -> None:
         """Virtual joints at a flange apart from the last link's frame; behind them an element that stays leads back."""
-        here = flange = self.facts.flange_placement
-        for v in virtual:
-            here = self._add_virtual(v, here)
+        self._add_virtual(virtual, self.facts.flange_placement)
         if virtual:
-            self._add(frozen(np.linalg.inv(flange)), np.eye(3)[2], False)
+            self._add(frozen(np.linalg.inv(self.facts.flange_placement)), np.eye(3)[2], False)
 
     def _add_placement(self, placement: Array) -> Array:
         indices: list[int] = []

@@ -13,7 +13,7 @@ import numpy as np
 
 from qsframework.elastostatics.displacements import displacement, evaluate, sensitivities
 from qsframework.elastostatics.layout import make_layout
-from qsframework.elastostatics.positions import evaluate_state, position, position_tangents
+from qsframework.elastostatics.positions import evaluate_state
 from qsframework.elastostatics.settled import one_state, two_states
 from qsframework.elastostatics.state import Site
 from qsframework.elastostatics.structure import Structure, chunks
@@ -45,7 +45,7 @@ class Model(Structure):
         out = np.empty((len(poses), len(self.markers), 3))
         for part, chunk in chunks(poses):
             if linear:
-                out[part] = displacement(evaluate(self, chunk, x)).transpose(2, 0, 1)
+                out[part] = displacement(evaluate(self, chunk, x))
             else:
                 before, after = two_states(self, chunk, x)
                 out[part] = after.reading - before.reading
@@ -67,14 +67,13 @@ class Model(Structure):
         value = np.empty((len(poses), len(self.markers), 3))
         slope = np.empty((*value.shape, len(wanted)))
         for part, chunk in chunks(poses):
-            if not linear:
+            if linear:
+                ev = evaluate(self, chunk, x)
+                value[part], slope[part] = displacement(ev), sensitivities(ev, wanted)
+            else:
                 first, second = two_states(self, chunk, x)
                 value[part] = second.reading - first.reading
-                slope[part] = second.rates(wanted) - first.rates(wanted)
-                continue
-            ev = evaluate(self, chunk, x)
-            value[part] = displacement(ev).transpose(2, 0, 1)
-            slope[part] = sensitivities(ev, wanted).transpose(3, 1, 2, 0)
+                slope[part] = second.tangents(wanted) - first.tangents(wanted)
         own = [row for row, position in enumerate(wanted) if position in self.by_state] if linear else []
         if own:  # they do not move both states alike
             some = [names[row] for row in own]
@@ -90,12 +89,9 @@ class Model(Structure):
         NotConverged where a pose does not settle.
         """
         x = self.nominal if x is None else self.checked(x)
-        out = np.empty((len(poses), len(self.markers), 3))
+        state, out = evaluate_state if linear else one_state, np.empty((len(poses), len(self.markers), 3))
         for part, chunk in chunks(poses):
-            if linear:
-                out[part] = position(evaluate_state(self, chunk, x, loaded)).transpose(2, 0, 1)
-            else:
-                out[part] = one_state(self, chunk, x, loaded).reading
+            out[part] = state(self, chunk, x, loaded).reading
         return out
 
     def position_sensitivity(
@@ -118,13 +114,8 @@ class Model(Structure):
         value = np.empty((len(poses), len(self.markers), 3))
         slope = np.empty((*value.shape, len(wanted)))
         for part, chunk in chunks(poses):
-            if linear:
-                ev = evaluate_state(self, chunk, x, loaded)
-                value[part] = position(ev).transpose(2, 0, 1)
-                slope[part] = position_tangents(ev, wanted).transpose(3, 1, 2, 0)
-            else:
-                state = one_state(self, chunk, x, loaded)
-                value[part], slope[part] = state.reading, state.rates(wanted)
+            state = (evaluate_state if linear else one_state)(self, chunk, x, loaded)
+            value[part], slope[part] = state.reading, state.tangents(wanted)
         return value, slope
 
     def transmission_margin(self, poses: Poses) -> Array:

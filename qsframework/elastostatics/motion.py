@@ -141,9 +141,8 @@ def _rates(
     if kind == "element":
         return [(index, factor)]
     for place, term in zip(layout.loops, terms, strict=True):
-        local = place.joints if kind == "actuator" else place.bars
-        if index in local:
-            column = local.index(index) + (0 if kind == "actuator" else len(place.joints))
+        column = place.input(kind, index)
+        if column is not None:
             slopes = [(layout.joint_elements[j], term.q_u[:, i, column]) for i, j in enumerate(place.joints)]
             return [(e, _times(slope, factor)) for e, slope in slopes if np.any(slope)]
     return [(layout.joint_elements[index], factor)]
@@ -214,7 +213,7 @@ def _loop_rates(
     layout: Layout, slopes: Sequence[LoopTerm], kind: str, index: int, factor: Array | float
 ) -> list[tuple[int, Array | float]]:
     """Like `_rates` for the loops' slopes: an actuator outside every loop has a constant rate."""
-    tied = any(index in (p.joints if kind == "actuator" else p.bars) for p in layout.loops)
+    tied = any(place.input(kind, index) is not None for place in layout.loops)
     return _rates(layout, slopes, kind, index, factor) if tied else []
 
 

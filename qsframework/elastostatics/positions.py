@@ -10,12 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.elastostatics.direct import element_readings, geometry_tangents
 from qsframework.elastostatics.evaluation import Stages, evaluate_stages
 from qsframework.elastostatics.sensors import Sensed
 from qsframework.elastostatics.springs import Response
 from qsframework.elastostatics.structure import Structure
-from qsframework.elastostatics.tangents import carry, changes, reading_along
+from qsframework.elastostatics.tangents import carry, tangents
 from qsframework.plugin import Array, Poses
 
 
@@ -27,6 +26,18 @@ class OneState(Stages):
     response: Response
     sensed: Sensed | None
 
+    @property
+    def reading(self) -> Array:
+        """What the instrument says (N, K, 3) m of the markers, base frame."""
+        if self.sensed is not None:
+            return self.sensed.position.transpose(2, 0, 1)
+        position = np.stack([m.position for m in self.state.markers]) + carry(self.state.markers, self.response.eps)
+        return position.transpose(2, 0, 1)
+
+    def tangents(self, wanted: Sequence[int]) -> Array:
+        """d reading / d parameter (N, K, 3, P) for the wanted positions in x."""
+        return tangents(self, wanted, self.sensed, self.response, self.loaded)
+
 
 def evaluate_state(model: Structure, poses: Poses, x: Array, loaded: bool) -> OneState:
     """Run all stages for one state."""
@@ -34,19 +45,3 @@ def evaluate_state(model: Structure, poses: Poses, x: Array, loaded: bool) -> On
     assert s.preload is not None
     response = s.respond(s.preload + s.tau if loaded else s.preload)
     return OneState(**vars(s), loaded=loaded, response=response, sensed=s.sense(response.eps))
-
-
-def position(ev: OneState) -> Array:
-    """Reading (K, 3, N) m of each marker, base frame."""
-    if ev.sensed is not None:
-        return ev.sensed.position
-    return np.stack([m.position for m in ev.state.markers]) + carry(ev.state.markers, ev.response.eps)
-
-
-def position_tangents(ev: OneState, wanted: Sequence[int]) -> Array:
-    """d reading / d parameter for the wanted positions in x: (P, K, 3, N)."""
-    out = np.empty((len(wanted), len(ev.state.markers), 3, len(ev.poses)))
-    left = geometry_tangents(ev, wanted, lambda: element_readings(ev, ev.sensed, ev.response, ev.loaded), out)
-    for row, change in changes(ev, [wanted[i] for i in left]):
-        out[left[row]] = reading_along(ev, ev.sensed, ev.response, change, ev.loaded)
-    return out

@@ -48,12 +48,10 @@ def beyond(model: Structure, poses: Poses, x: Array | None = None) -> tuple[Beyo
             for name, seen in _ranges(model, part, values, loaded):
                 found.setdefault((name, seen.label, loaded), (seen, []))[1].append(seen.values)
     both: dict[tuple[str, str], Beyond] = {}
-    for (name, _, _), (seen, parts) in found.items():
+    for (name, label, _), (seen, parts) in found.items():
         one = _outside(name, seen, np.concatenate(parts))
-        if one is None:
-            continue
-        other = both.get((name, seen.label))
-        both[name, seen.label] = one if other is None else _farther(one, other)
+        if one is not None:
+            both[name, label] = _farther(one, both.get((name, label), one))
     return tuple(both.values())
 
 

@@ -98,12 +98,3 @@ def sense(
         passed.append((sensor, Reading(reading, rotation, tuple(names)), x))
         reading = laws.seen(*passed[-1], context)
     return Sensed(reading.transpose(1, 2, 0), tuple(passed), context, turn)
-
-
-def said(sensors: Sequence[tuple[Sensor, Array]], state: State, names: Sequence[str]) -> Array:
-    """What the instrument says (N, K, 3) of the markers where a state is placed."""
-    position = np.stack([m.position for m in state.markers]).transpose(2, 0, 1)
-    rotation = np.stack([m.rotation for m in state.markers], axis=1)
-    for sensor, x in sensors:
-        position = laws.seen(sensor, Reading(position, rotation, tuple(names)), x, state.motion.context)
-    return position

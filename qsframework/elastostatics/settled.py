@@ -11,13 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from qsframework.elastostatics import springs
-from qsframework.elastostatics.direct import element_readings, geometry_tangents
 from qsframework.elastostatics.equilibrium import Settled, settle, stiffness_left
 from qsframework.elastostatics.evaluation import CommandedStiffness, PlacedArm, gather
-from qsframework.elastostatics.sensors import said, sense
+from qsframework.elastostatics.sensors import Sensed, sense
 from qsframework.elastostatics.structure import Structure
-from qsframework.elastostatics.tangents import changes, reading_along
-from qsframework.plugin import Array, ParallelSpring, Poses, Sensor, StiffnessTerm, laws
+from qsframework.elastostatics.tangents import tangents
+from qsframework.plugin import Array, ParallelSpring, Poses, Sensor, laws
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,13 +35,18 @@ class SettledState:
         state = self.settled.at.state
         if not state.markers:
             return np.zeros((len(self.poses), 0, 3))
-        return said(self.model.of_kind(Sensor, self.x), state, self.model.marker_names)
+        return self._sensed.position.transpose(2, 0, 1)
+
+    @property
+    def _sensed(self) -> Sensed:
+        """The reading of the state as it is placed."""
+        state, sensors = self.settled.at.state, self.model.of_kind(Sensor, self.x)
+        return sense(sensors, state, None, self.model.marker_names, state.motion.context)
 
     def followed(self) -> Array:
         """d reading (K, ne, 3, N) per unit by which something beside its springs moves each elastic coordinate."""
         state, inverse = self.settled.at.state, _response(self.settled).inverse
-        sensors, names = self.model.of_kind(Sensor, self.x), self.model.marker_names
-        sensed = sense(sensors, state, None, names, state.motion.context) if sensors else None
+        sensed = self._sensed if self.model.of_kind(Sensor, self.x) else None
 
         def reached(own: Array) -> Array:
             return own if inverse is None else np.einsum("kaxn,abn->kbxn", own, inverse)
@@ -57,19 +61,14 @@ class SettledState:
             )
         return out
 
-    def rates(self, wanted: Sequence[int]) -> Array:
+    def tangents(self, wanted: Sequence[int]) -> Array:
         """d reading / d parameter (N, K, 3, P) for the wanted positions in x, by the implicit function theorem.
 
         With eps = c T + f(T) at every x, d eps = (I + diag(c + f') (K - H))^-1 (dc T + df + (c + f') dT), dT at fixed
         eps.
         """
         ev = _placed(self)
-        response, sensed = _response(self.settled), ev.sense(None)
-        out = np.empty((len(wanted), len(ev.state.markers), 3, len(self.poses)))
-        left = geometry_tangents(ev, wanted, lambda: element_readings(ev, sensed, response, self.loaded), out)
-        for row, change in changes(ev, [wanted[i] for i in left]):
-            out[left[row]] = reading_along(ev, sensed, response, change, self.loaded)
-        return out.transpose(3, 1, 2, 0)
+        return tangents(ev, wanted, ev.sense(None), _response(self.settled), self.loaded)
 
 
 def one_state(model: Structure, poses: Poses, x: Array, loaded: bool) -> SettledState:
@@ -105,12 +104,12 @@ def _placed(at: SettledState) -> PlacedArm:
     motion, commanded = settled.at.state.motion, settled.commanded
     faces, stiff = list[springs.Faces](), False
     for effect, xs in model.of_kind(ParallelSpring, x):
-        joints = tuple(model.facts.joint_index(j) for j in effect.joints(model.facts))
+        joints = springs.joints_of(effect, motion)
         torque = laws.torque(effect, motion.q[list(joints)].T, xs, motion.context)
         term = laws.stiffness(effect, commanded.q[list(joints)].T, xs, commanded.context)
         stiff = stiff or term is not None
-        faces.append(springs.Faces(joints, torque, term or _nothing(batch, len(joints), len(xs))))
-    touched = tuple(sorted({j for f in faces for j in f.joints}))
+        faces.append(springs.Faces(joints, torque, term or springs.no_stiffness(batch, len(joints), len(xs))))
+    touched = springs.touched(faces)
     rates = springs.joint_rates(motion, touched)
     held = None
     if stiff:
@@ -132,9 +131,3 @@ def _placed(at: SettledState) -> PlacedArm:
         held=held,
         settled=settled.eps,
     )
-
-
-def _nothing(batch: int, joints: int, parameters: int) -> StiffnessTerm:
-    """The stiffness of a spring that has a torque only."""
-    shape = (batch, joints, joints)
-    return StiffnessTerm(np.zeros(shape), np.zeros((*shape, joints)), np.zeros((*shape, parameters)))

@@ -42,17 +42,22 @@ def torques(effects: Sequence[tuple[ParallelSpring, Array]], motion: Motion) -> 
     """The physical torques alone, at the joint angles of a motion."""
     out: list[tuple[tuple[int, ...], TorqueTerm]] = []
     for effect, x in effects:
-        joints = tuple(motion.layout.facts.joint_index(j) for j in effect.joints(motion.layout.facts))
+        joints = joints_of(effect, motion)
         term = laws.torque(effect, motion.q[list(joints)].T, x, motion.context)
         if term is not None:
             out.append((joints, term))
     return out
 
 
+def joints_of(effect: ParallelSpring, motion: Motion) -> tuple[int, ...]:
+    """The joints of the arm that a parallel spring acts on."""
+    facts = motion.layout.facts
+    return tuple(facts.joint_index(j) for j in effect.joints(facts))
+
+
 def faces(effect: ParallelSpring, motion: Motion, x: Array) -> Faces:
     """Evaluate an effect at the commanded joint angles."""
-    facts = motion.layout.facts
-    joints = tuple(facts.joint_index(j) for j in effect.joints(facts))
+    joints = joints_of(effect, motion)
     q, context = motion.q[list(joints)].T, motion.context
     torque, term = laws.torque(effect, q, x, context), laws.stiffness(effect, q, x, context)
     if torque is not None:
@@ -61,11 +66,18 @@ def faces(effect: ParallelSpring, motion: Motion, x: Array) -> Faces:
             term = slope
         else:
             term = StiffnessTerm(term.value + slope.value, term.dq + slope.dq, term.dx + slope.dx)
-    if term is None:
-        k = len(joints)
-        empty = np.zeros((len(q), k, k))
-        term = StiffnessTerm(empty, np.zeros((len(q), k, k, k)), np.zeros((len(q), k, k, len(x))))
-    return Faces(joints, torque, term)
+    return Faces(joints, torque, term or no_stiffness(len(q), len(joints), len(x)))
+
+
+def no_stiffness(batch: int, joints: int, parameters: int) -> StiffnessTerm:
+    """The stiffness of a spring that has none."""
+    shape = (batch, joints, joints)
+    return StiffnessTerm(np.zeros(shape), np.zeros((*shape, joints)), np.zeros((*shape, parameters)))
+
+
+def touched(springs: Sequence[Faces]) -> tuple[int, ...]:
+    """The joints that parallel springs act on."""
+    return tuple(sorted({j for spring in springs for j in spring.joints}))
 
 
 def _slope(effect: ParallelSpring, q: Array, x: Array, context: Context, term: TorqueTerm) -> StiffnessTerm:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar
@@ -58,16 +58,14 @@ class Structure:
         """Positions of parameters in x; an InputError offers the nearest name."""
         for name in names:
             if name not in self.names:
-                problem = Problem(f"the model has no parameter {name!r}", allowed=", ".join(self.names))
-                raise InputError(Problem(problem.message, allowed=problem.allowed, hint=suggestion(name, self.names)))
+                message, hint = f"the model has no parameter {name!r}", suggestion(name, self.names)
+                raise InputError(Problem(message, allowed=", ".join(self.names), hint=hint))
         return [self.names.index(name) for name in names]
 
     @cached_property
     def by_state(self) -> tuple[int, ...]:
         """Positions in x of the effects by which an arm is not the same in both states of a pose, but for its load."""
-        pairs = zip(self.effects, self.slices, strict=True)
-        found = [s for e, s in pairs if (e.by_state or e.needs) and not isinstance(e, Sensor)]
-        return tuple(i for s in found for i in range(s.start, s.stop))
+        return self._positions(lambda e: (e.by_state or bool(e.needs)) and not isinstance(e, Sensor))
 
     def differs(self, x: Array) -> bool:
         """Whether the arm is not the same in both states at x: an effect that makes it so does not vanish there."""
@@ -76,9 +74,12 @@ class Structure:
     @cached_property
     def moving(self) -> tuple[int, ...]:
         """Positions in x of the effects that move the commanded arm, or say which coordinates give."""
+        return self._positions(lambda e: isinstance(e, Geometry | Loop) or (isinstance(e, Spring) and mixes(e)))
+
+    def _positions(self, wanted: Callable[[Effect], bool]) -> tuple[int, ...]:
+        """Positions in x of the parameters of some effects."""
         pairs = zip(self.effects, self.slices, strict=True)
-        found = [s for e, s in pairs if isinstance(e, Geometry | Loop) or (isinstance(e, Spring) and mixes(e))]
-        return tuple(i for s in found for i in range(s.start, s.stop))
+        return tuple(i for effect, part in pairs if wanted(effect) for i in range(part.start, part.stop))
 
     def compliance(self, x: Array) -> Array:
         """Compliance (ne,) of each elastic coordinate."""

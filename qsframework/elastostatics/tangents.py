@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from qsframework.elastostatics import loads, pulls, springs
+from qsframework.elastostatics.direct import element_readings, geometry_tangents
 from qsframework.elastostatics.evaluation import PlacedArm, gather, joint_torque
 from qsframework.elastostatics.motion import Motion, MotionRate, combine, mixed_along, motion_along
 from qsframework.elastostatics.sensors import Sensed
@@ -121,6 +122,17 @@ def reading_along(
     return total + np.einsum("nkij,nkj->kin", sensed.by_rotation, turn)
 
 
+def tangents(
+    ev: PlacedArm, wanted: Sequence[int], sensed: Sensed | None, response: springs.Response, loaded: bool
+) -> Array:
+    """d reading / d parameter (N, K, 3, P) of one state for the wanted positions in x."""
+    out = np.empty((len(wanted), len(ev.state.markers), 3, len(ev.poses)))
+    others = geometry_tangents(ev, wanted, lambda: element_readings(ev, sensed, response, loaded), out)
+    for row, change in changes(ev, [wanted[i] for i in others]):
+        out[others[row]] = reading_along(ev, sensed, response, change, loaded)
+    return out.transpose(3, 1, 2, 0)
+
+
 def _ratio(ev: PlacedArm, effect: Spring, first: int, i: int) -> Change:
     """A ratio by which a spring's coordinates, from `first` on, move its virtual joints."""
     x = next(xs for e, xs in ev.model.of_kind(Spring, ev.x) if e is effect)
@@ -157,10 +169,6 @@ def _pulled(ev: PlacedArm, pull: pulls.Pull, i: int) -> Change:
     return Change(K=K, preload=combine(coefficients, pull.torque_by(i)) if ev.preloaded else None)
 
 
-def _law(ev: PlacedArm, number: int, i: int) -> Change:
-    return Change(law=(number, i))
-
-
 def _load(ev: PlacedArm, number: int, i: int) -> Change:
     terms = ev.applied.terms
     wrench = loads.wrench_along(terms, None, terms[number].dx[..., i], number + 1)
@@ -170,10 +178,6 @@ def _load(ev: PlacedArm, number: int, i: int) -> Change:
         own = loads.of_bodies(moments[..., i], ev.model.facts)
         preload = loads.gravity_torque(ev.state, own, ev.model.gravity)
     return Change(tau=loads.wrench_torque(ev.state.tip, wrench.T), preload=preload)
-
-
-def _sensor(ev: PlacedArm, number: int, i: int) -> Change:
-    return Change(sensor=(number, i))
 
 
 def _geometry(ev: PlacedArm, number: int, i: int) -> Change:
@@ -241,7 +245,7 @@ _RULES: dict[type[Effect], Callable[[PlacedArm, int, int], Change]] = {
     Geometry: _geometry,
     Loop: _loop,
     ParallelSpring: _parallel,
-    SpringLaw: _law,
+    SpringLaw: lambda _, number, i: Change(law=(number, i)),
     Load: _load,
-    Sensor: _sensor,
+    Sensor: lambda _, number, i: Change(sensor=(number, i)),
 }

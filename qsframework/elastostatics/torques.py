@@ -45,8 +45,7 @@ def actuator_torques(model: Structure, poses: Poses, x: Array | None = None) -> 
     The actuator of a loop's driven joint holds what the bars bring to it.
     """
     x = model.nominal if x is None else model.checked(x)
-    parts = [_actuator_torques(model, chunk, x) for _, chunk in chunks(poses)]
-    return np.concatenate(parts) if parts else np.zeros((0, model.facts.n))
+    return np.concatenate([_actuator_torques(model, chunk, x) for _, chunk in chunks(poses)])
 
 
 def _actuator_torques(model: Structure, poses: Poses, x: Array) -> Array:

@@ -90,7 +90,9 @@ def _to_si(document: Document, model: type[Any], data: Any, at: tuple[Key, ...],
     if not is_mapping(data):
         return data
     marks, known = measured(model), fields(model)
-    stems = {mark.stem: _of_stem(model, mark.stem) for mark in marks.values()}
+    stems: dict[str, dict[str, str]] = {}  # by the stem of keys the fields that it may mean, with their SI units
+    for name, mark in marks.items():
+        stems.setdefault(mark.stem, {})[name] = mark.si
     out: dict[str, Any] = {}
     for key, value in data.items():
         parts = units.split(key, list(stems))
@@ -98,13 +100,10 @@ def _to_si(document: Document, model: type[Any], data: Any, at: tuple[Key, ...],
             (inner, in_list, in_map), named, here = _nested(known[key]), named_by(known[key]), (*at, key)
             if inner is not None and in_list and is_list(value):
                 value = [_to_si(document, inner, v, (*here, i), problems) for i, v in enumerate(value)]
-            elif inner is not None and named is not None and is_mapping(value):
-                value = {
-                    k: {named: k, **_to_si(document, inner, v, (*here, k), problems)} if is_mapping(v) else v
-                    for k, v in value.items()
-                }
-            elif inner is not None and in_map and is_mapping(value):
+            elif inner is not None and (named is not None or in_map) and is_mapping(value):
                 value = {k: _to_si(document, inner, v, (*here, k), problems) for k, v in value.items()}
+                if named is not None:
+                    value = {k: {named: k, **v} if is_mapping(v) else v for k, v in value.items()}
             elif inner is not None:
                 value = _to_si(document, inner, value, here, problems)
             out[key] = value
@@ -130,11 +129,6 @@ def _to_si(document: Document, model: type[Any], data: Any, at: tuple[Key, ...],
         if not own.keys() & out.keys() and any(units.split(k, [stem]) or k == stem for k in data):
             out[next(iter(own))] = _placeholder(model, next(iter(own)))
     return out
-
-
-def _of_stem(model: type[Any], stem: str) -> dict[str, str]:
-    """SI unit of each field that the file calls by this stem."""
-    return {name: mark.si for name, mark in measured(model).items() if mark.stem == stem}
 
 
 def _names(kinds: Iterable[str], stem: str) -> str:

@@ -29,11 +29,9 @@ def effect_entry(effect: Effect) -> dict[str, Any]:
 def _plain(effect: Effect, name: str, value: Any) -> Any:
     """A value that a file can hold; numbers keep all digits."""
     number = value
-    if isinstance(value, bool | str | int):
-        return value
     if isinstance(value, np.bool_ | np.integer | np.floating):
         return number.item()
-    if isinstance(value, float):
+    if isinstance(value, bool | str | int | float):
         return value
     if isinstance(value, tuple):
         return [_plain(effect, name, v) for v in cast("tuple[Any, ...]", value)]

@@ -40,6 +40,7 @@ _ROUNDING = 1e-9
 _FAR = 1e60
 """Inputs beyond which a law may well overflow: an iteration that has lost its way."""
 Function = Callable[[Any], Any]
+Slope = Callable[[Function], Array]
 T = TypeVar("T")
 
 
@@ -145,11 +146,6 @@ def as_term(kind: Callable[..., T], value: Any) -> T:
     return value if isinstance(value, own) else kind(value)
 
 
-def _ones(q: Array) -> Array:
-    """Natural sizes of angles, rad."""
-    return np.ones((q.shape[-1],))
-
-
 def left_out(value: object) -> bool:
     """Whether a term leaves this to the framework."""
     return value is None
@@ -212,73 +208,68 @@ def mixing_slope(effect: Spring, x: Array, context: Context) -> Array:
     return derivative(lambda v: mixing(effect, v, context), x, sizes(effect, x, context))
 
 
+def _with_slopes(
+    effect: Effect, law: str, term: T, at: Array, shape: tuple[int, ...], x: Array, context: Context, **slope: Slope
+) -> T:
+    """The term of a law of one variable and the parameters, with its derivatives by both.
+
+    shape: of its value; slope: the name of the derivative by the variable, and how it is taken of a function of that
+    """
+
+    def value(v: Array, w: Array) -> Array:
+        own: Any = as_term(type(term), given(effect, law, v, w, context))
+        return _checked(effect, law, own.value, shape, v)
+
+    stated: Any = term
+    _checked(effect, law, stated.value, shape, at)
+    ((name, take),) = slope.items()
+    taken: dict[str, Array] = {}
+    if left_out(getattr(stated, name)):
+        taken[name] = take(lambda v: value(v, x))
+    if left_out(stated.dx):
+        taken["dx"] = derivative(lambda w: value(at, w), x, sizes(effect, x, context))
+    return replace(stated, **taken)
+
+
 def torque(effect: ParallelSpring, q: Array, x: Array, context: Context) -> TorqueTerm | None:
     """`torque` with its first derivatives; None where it has none."""
-    found = given(effect, "torque", q, x, context)
-    if found is None:
-        return None
-
-    def value(q: Array, x: Array) -> Array:
-        return _checked(effect, "torque", as_term(TorqueTerm, given(effect, "torque", q, x, context)).value, q.shape, q)
-
-    term = as_term(TorqueTerm, found)
-    _checked(effect, "torque", term.value, q.shape, q)
-    dq = derivative(lambda v: value(v, x), q, _ones(q)) if left_out(term.dq) else term.dq
-    dx = derivative(lambda v: value(q, v), x, sizes(effect, x, context)) if left_out(term.dx) else term.dx
-    return replace(term, dq=dq, dx=dx)
+    return _parallel_law(effect, "torque", TorqueTerm, q.shape, q, x, context)
 
 
 def stiffness(effect: ParallelSpring, q: Array, x: Array, context: Context) -> StiffnessTerm | None:
     """`stiffness` with all derivatives; None where it has none."""
-    found = given(effect, "stiffness", q, x, context)
+    return _parallel_law(effect, "stiffness", StiffnessTerm, (*q.shape, q.shape[1]), q, x, context)
+
+
+def _parallel_law(
+    effect: ParallelSpring, law: str, kind: type[T], shape: tuple[int, ...], q: Array, x: Array, context: Context
+) -> T | None:
+    found = given(effect, law, q, x, context)
     if found is None:
         return None
-
-    def value(q: Array, x: Array) -> Array:
-        term = as_term(StiffnessTerm, given(effect, "stiffness", q, x, context))
-        return _checked(effect, "stiffness", term.value, (*q.shape, q.shape[1]), q)
-
-    term = as_term(StiffnessTerm, found)
-    _checked(effect, "stiffness", term.value, (*q.shape, q.shape[1]), q)
-    dq = derivative(lambda v: value(v, x), q, _ones(q)) if left_out(term.dq) else term.dq
-    dx = derivative(lambda v: value(q, v), x, sizes(effect, x, context)) if left_out(term.dx) else term.dx
-    return StiffnessTerm(term.value, dq, dx)
+    term = as_term(kind, found)
+    return _with_slopes(effect, law, term, q, shape, x, context, dq=lambda f: derivative(f, q, np.ones((q.shape[-1],))))
 
 
 def tension(effect: ParallelSpring, length: Array, x: Array, context: Context) -> TensionTerm:
     """`tension` with all derivatives."""
 
-    def value(s: Array, x: Array) -> Array:
-        return _checked(
-            effect, "tension", as_term(TensionTerm, given(effect, "tension", s, x, context)).value, s.shape, s
-        )
+    def slope(f: Function) -> Array:
+        return derivative(lambda v: f(v[:, 0]), length[:, None])[:, 0]
 
     term = as_term(TensionTerm, given(effect, "tension", length, x, context))
-    _checked(effect, "tension", term.value, length.shape, length)
-    ds, dx = term.ds, term.dx
-    if left_out(ds):
-        ds = derivative(lambda v: value(v[:, 0], x), length[:, None])[:, 0]
-    if left_out(dx):
-        dx = derivative(lambda v: value(length, v), x, sizes(effect, x, context))
-    return TensionTerm(term.value, ds, dx)
+    return _with_slopes(effect, "tension", term, length, length.shape, x, context, ds=slope)
 
 
 def extra(effect: SpringLaw, T: Array, x: Array, context: Context) -> LawTerm:
     """`extra` with all derivatives."""
 
-    def value(T: Array, x: Array) -> Array:
-        return _checked(effect, "extra", as_term(LawTerm, given(effect, "extra", T, x, context)).value, T.shape, T)
+    def slope(f: Function) -> Array:  # each by its own torque: all move together
+        every = np.maximum(np.abs(T).max(initial=0.0), 1e-3 * context.robot.sizes.torque)
+        return derivative(lambda v: f(T + v), np.zeros((len(T), 1)), np.array([every]))[..., 0]
 
     term = as_term(LawTerm, given(effect, "extra", T, x, context))
-    _checked(effect, "extra", term.value, T.shape, T)
-    dT, dx = term.dT, term.dx
-    if left_out(dT):  # each by its own torque: all move together
-        every = np.maximum(np.abs(T).max(initial=0.0), 1e-3 * context.robot.sizes.torque)
-        shift = derivative(lambda v: value(T + v, x), np.zeros((len(T), 1)), np.array([every]))
-        dT = shift[..., 0]
-    if left_out(dx):
-        dx = derivative(lambda v: value(T, v), x, sizes(effect, x, context))
-    return LawTerm(term.value, dT, dx)
+    return _with_slopes(effect, "extra", term, T, T.shape, x, context, dT=slope)
 
 
 def loaded(effect: Load, loads: Loads, x: Array, context: Context) -> LoadTerm:

@@ -97,15 +97,14 @@ def _differences(robot: Robot, ours: Statics, theirs: Statics, file: str) -> Ite
     weight = float(np.linalg.norm(robot.gravity) * (facts.masses @ levers))
     links = (*facts.links, "flange")
     length, torque = ALLOWED + _ROUNDING * reach, ALLOWED * _largest(theirs.torque) + _ROUNDING * weight
-    told: list[tuple[str, str, Sequence[str], Array, Array, float]] = [
-        ("position", "m", links, ours.positions, theirs.positions, length),
-        ("attitude", "rad", links, ours.rotations, theirs.rotations, ALLOWED),
-        ("Jacobian (linear)", "m/rad", facts.joints, ours.linear, theirs.linear, length),
-        ("Jacobian (angular)", "rad/rad", facts.joints, ours.angular, theirs.angular, ALLOWED),
-        ("gravity torque", "N m", facts.joints, ours.torque, theirs.torque, torque),
-    ]
-    for one in told:
-        yield from _told(robot, *one, file)
+    for what, unit, names, quantity, allowed in (
+        ("position", "m", links, "positions", length),
+        ("attitude", "rad", links, "rotations", ALLOWED),
+        ("Jacobian (linear)", "m/rad", facts.joints, "linear", length),
+        ("Jacobian (angular)", "rad/rad", facts.joints, "angular", ALLOWED),
+        ("gravity torque", "N m", facts.joints, "torque", torque),
+    ):
+        yield from _told(robot, what, unit, names, getattr(ours, quantity), getattr(theirs, quantity), allowed, file)
 
 
 def _told(

@@ -72,15 +72,11 @@ def chain_joints(urdf: Urdf, base: str, flange: str) -> list[Joint] | None:
     return chain[::-1]
 
 
-def branch_joints(urdf: Urdf, base: str, flange: str) -> list[Joint]:
-    """The joints that move beside the chain from base to flange, parents first."""
-    chain = chain_joints(urdf, base, flange) or []
-    return [joint for joint in urdf.below(base) if joint.moves and joint not in chain]
-
-
 def without_branches(urdf: Urdf, base: str, flange: str) -> Urdf:
     """The URDF without the links that move beside the arm."""
-    gone = [joint for top in branch_joints(urdf, base, flange) for joint in (top, *urdf.below(top.child))]
+    chain = chain_joints(urdf, base, flange) or []
+    branches = [joint for joint in urdf.below(base) if joint.moves and joint not in chain]
+    gone = [joint for top in branches for joint in (top, *urdf.below(top.child))]
     links = {joint.child for joint in gone}
     return replace(
         urdf,
@@ -149,7 +145,8 @@ def _roots(urdf: Urdf) -> Iterator[Problem]:
 def _mass(urdf: Urdf, link: Link, moving: bool) -> Iterator[Problem]:
     inertial, owner = link.inertial, f"link {link.name!r}"
     if inertial is None:
-        if moving and not _carries_mass(urdf, link.name):
+        fixed = urdf.fixed_to(link.name)[1:] if moving else []  # a mass there counts for both
+        if moving and not any(o.inertial is not None and o.inertial.mass > 0 for o in urdf.links if o.name in fixed):
             yield link.place.problem(f"{owner} moves but has no <inertial>", hint="It needs mass, centre and inertia.")
         return
     if inertial.mass < 0 or (inertial.mass == 0 and moving):
@@ -173,16 +170,6 @@ def _mass(urdf: Urdf, link: Link, moving: bool) -> Iterator[Problem]:
             f"{owner}: no body has this inertia, one moment exceeds the sum of the other two (triangle inequality)",
             found=found,
         )
-
-
-def _carries_mass(urdf: Urdf, name: str) -> bool:
-    """Whether a link fixed to this one has a mass, which counts for both."""
-    fixed, todo = set[str](), [name]
-    while todo:
-        here = {joint.child for joint in urdf.joints if joint.parent == todo[-1] and joint.kind == "fixed"} - fixed
-        fixed |= here
-        todo = [*todo[:-1], *here]
-    return any(link.inertial is not None and link.inertial.mass > 0 for link in urdf.links if link.name in fixed)
 
 
 def _joint(urdf: Urdf, joint: Joint) -> Iterator[Problem]:

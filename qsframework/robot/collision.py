@@ -56,8 +56,7 @@ class Collider:
         for sure, doubtful in self._judged(placed):
             hit[sure[:, 1]] = True
             doubtful = doubtful[~hit[doubtful[:, 1]]]
-            for pair, pose in self._touching(placed, doubtful, once=True):
-                del pair
+            for _, pose in self._touching(placed, doubtful, once=True):
                 hit[pose] = True
         return hit
 
@@ -84,12 +83,11 @@ class Collider:
 
     def _judged(self, placed: Frames) -> Iterator[tuple[Indices, Indices]]:
         """Rows (pair, pose) that surely touch, and those in doubt, block by block."""
-        capsules = _capsules(self.shapes, placed)
-        count = placed.positions.shape[-1]
-        step = max(1, _PAIRS // max(count, 1))
+        if not len(self.pairs):
+            return
+        capsules, step = _capsules(self.shapes, placed), max(1, _PAIRS // max(placed.positions.shape[-1], 1))
         for start in range(0, len(self.pairs), step):
-            part = np.arange(start, min(start + step, len(self.pairs)))
-            sure, doubtful = _judge(capsules, self.pairs[part], self.clearance)
+            sure, doubtful = _judge(*capsules, self.pairs[start : start + step], self.clearance)
             shift = np.array([start, 0])
             yield sure + shift, doubtful + shift
 
@@ -161,14 +159,9 @@ def make_collider(robot: Robot, clearance: float = 0.0, more: Sequence[Shape] = 
     zero pose of the pendant, or in nearly all of a fixed sample of poses.
     """
     shapes = (*robot.shapes, *more)
-    pairs: list[tuple[int, int]] = []
-    left_out: list[LeftOut] = []
-    for i, j in combinations(range(len(shapes)), 2):
-        apart = abs(shapes[i].link - shapes[j].link)
-        if apart > 1:
-            pairs.append((i, j))
-        elif apart == 1:
-            left_out.append(LeftOut(i, j, "on neighbouring links"))
+    apart = {(i, j): abs(shapes[i].link - shapes[j].link) for i, j in combinations(range(len(shapes)), 2)}
+    pairs = [pair for pair, links in apart.items() if links > 1]
+    left_out = [LeftOut(*pair, "on neighbouring links") for pair, links in apart.items() if links == 1]
     every = Collider(shapes, np.array(pairs, dtype=np.intp).reshape(-1, 2), clearance, ())
     if not pairs:
         return Collider(shapes, every.pairs, clearance, tuple(left_out))
@@ -208,15 +201,14 @@ def obstacle_collider(
 def lowest_point(shape: Shape, placed: Frames) -> Array:
     """Height (N,) m of a solid's lowest point, base frame."""
     height = placed.point(shape.link, shape.placement[:3, 3])[2]
+    up = np.stack([_axis(shape, placed, k)[2] for k in range(3)])
     if shape.hull is not None:
-        up = np.stack([_axis(shape, placed, k)[2] for k in range(3)])
         lowest = np.full(len(height), np.inf)
         for start in range(0, len(shape.hull.whole), _CORNERS):
             lowest = np.minimum(lowest, (shape.hull.whole[start : start + _CORNERS] @ up).min(axis=0))
         return height + lowest
     if shape.kind == "sphere":
         return height - shape.size[0]
-    up = [_axis(shape, placed, k)[2] for k in range(3)]
     if shape.kind == "box":
         return height - sum(np.abs(u) * side / 2.0 for u, side in zip(up, shape.size, strict=True))
     radius, length = shape.size
@@ -237,30 +229,25 @@ def _axis(shape: Shape, placed: Frames, k: int) -> Array:
     return np.einsum("j,jcn->cn", shape.placement[:3, k], placed.rotations[shape.link])
 
 
-@dataclass(frozen=True, eq=False)
-class _Capsule:
+Ends = tuple[float, float]
+_NO_INSIDE = (0.0, -np.inf)
+
+
+@lru_cache(maxsize=1024)
+def _capsule(shape: Shape) -> tuple[Array, Array, Ends, Ends]:
     """In a solid's link: centre and axis (3,), half length and radius of the capsules around and inside it.
 
     A radius inside below zero is that of a solid of which no inside is known; a plane is around everything.
     """
-
-    centre: Array
-    axis: Array
-    outer: tuple[float, float]
-    inner: tuple[float, float]
-
-
-@lru_cache(maxsize=1024)
-def _capsule(shape: Shape) -> _Capsule:
     centre, turn = shape.placement[:3, 3], shape.placement[:3, :3]
     if shape.kind == "plane":
-        return _Capsule(centre, turn[:, 2], (0.0, np.inf), (0.0, -np.inf))
+        return centre, turn[:, 2], (0.0, np.inf), _NO_INSIDE
     if shape.kind == "sphere":
-        return _Capsule(centre, turn[:, 2], (0.0, shape.size[0]), (0.0, shape.size[0]))
+        return centre, turn[:, 2], (0.0, shape.size[0]), (0.0, shape.size[0])
     if shape.kind == "cylinder":
         radius, half = shape.size[0], shape.size[1] / 2.0
         inside = min(radius, half)
-        return _Capsule(centre, turn[:, 2], (half, radius), (half - inside, inside))
+        return centre, turn[:, 2], (half, radius), (half - inside, inside)
     if shape.hull is not None:
         return _around_hull(shape.hull, shape)
     halves = np.array(shape.size) / 2.0
@@ -268,10 +255,10 @@ def _capsule(shape: Shape) -> _Capsule:
     others = np.delete(halves, main)
     inside = float(others.min())
     around = (float(halves[main]), float(np.linalg.norm(others)))
-    return _Capsule(centre, turn[:, main], around, (float(halves[main]) - inside, inside))
+    return centre, turn[:, main], around, (float(halves[main]) - inside, inside)
 
 
-def _around_hull(hull: Hull, shape: Shape) -> _Capsule:
+def _around_hull(hull: Hull, shape: Shape) -> tuple[Array, Array, Ends, Ends]:
     """Along the direction in which the corners spread most, about their mean, which is inside."""
     middle = hull.corners.mean(axis=0)
     spread = hull.corners - middle
@@ -282,50 +269,36 @@ def _around_hull(hull: Hull, shape: Shape) -> _Capsule:
     deep = hull.offsets - hull.normals @ middle
     radius = _ROOM * max(0.0, float(deep.min()))
     half = float(((deep - radius) / np.maximum(np.abs(hull.normals @ way), 1e-12)).min())
-    inner = (max(0.0, half), radius) if shape.surface is None else (0.0, -np.inf)
+    inner = (max(0.0, half), radius) if shape.surface is None else _NO_INSIDE
     turn = shape.placement[:3, :3]
-    return _Capsule(turn @ middle + shape.placement[:3, 3], turn @ way, outer, inner)
+    return turn @ middle + shape.placement[:3, 3], turn @ way, outer, inner
 
 
-@dataclass(frozen=True, eq=False)
-class _Capsules:
+def _capsules(shapes: Sequence[Shape], placed: Frames) -> tuple[Array, Array, Array, Array]:
     """Those of S solids at N poses: centres and axes (3, S, N), base frame; half lengths and radii (S, 2)."""
-
-    centre: Array
-    axis: Array
-    outer: Array
-    inner: Array
-
-
-def _capsules(shapes: Sequence[Shape], placed: Frames) -> _Capsules:
-    every = [_capsule(shape) for shape in shapes]
+    centres, axes, outer, inner = map(np.array, zip(*map(_capsule, shapes), strict=True))
     links = np.array([shape.link for shape in shapes], dtype=np.intp)
     turns = placed.rotations[links]  # (S, 3 of the link, 3 of the base, N)
-    centre = np.einsum("sj,sjcn->csn", np.array([c.centre for c in every]).reshape(-1, 3), turns)
-    return _Capsules(
-        centre + placed.positions[links].transpose(1, 0, 2),
-        np.einsum("sj,sjcn->csn", np.array([c.axis for c in every]).reshape(-1, 3), turns),
-        np.array([c.outer for c in every]).reshape(-1, 2),
-        np.array([c.inner for c in every]).reshape(-1, 2),
-    )
+    centre, axis = (np.einsum("sj,sjcn->csn", own, turns) for own in (centres, axes))
+    return centre + placed.positions[links].transpose(1, 0, 2), axis, outer, inner
 
 
-def _judge(capsules: _Capsules, pairs: Indices, clearance: float) -> tuple[Indices, Indices]:
+def _judge(
+    centre: Array, axis: Array, around: Array, within: Array, pairs: Indices, clearance: float
+) -> tuple[Indices, Indices]:
     """Rows (pair, pose) of the solids that surely are closer than the clearance, and of those that may be."""
     a, b = pairs.T
-    reach = (capsules.outer[a] + capsules.outer[b]).sum(axis=1) + clearance
-    apart = capsules.centre[:, a] - capsules.centre[:, b]
+    reach = (around[a] + around[b]).sum(axis=1) + clearance
+    apart = centre[:, a] - centre[:, b]
     pair, pose = np.nonzero(np.einsum("cpn,cpn->pn", apart, apart) <= (reach * reach)[:, None])
     rows = np.stack([pair, pose], axis=1)
     if not len(rows):
         return rows, rows
     first, second, apart = a[pair], b[pair], apart[:, pair, pose]
-    axes = capsules.axis[:, first, pose], capsules.axis[:, second, pose]
-    outer, inner = (capsules.outer[first], capsules.outer[second]), (capsules.inner[first], capsules.inner[second])
-    outside = _segment_distance(apart, *axes, outer[0][:, 0], outer[1][:, 0])
-    inside = _segment_distance(apart, *axes, inner[0][:, 0], inner[1][:, 0])
-    sure = inside < inner[0][:, 1] + inner[1][:, 1] + clearance - 1e-9
-    doubtful = ~sure & (outside <= outer[0][:, 1] + outer[1][:, 1] + clearance + 1e-9)
+    axes = axis[:, first, pose], axis[:, second, pose]
+    outside, inside = (_segment_distance(apart, *axes, ends[first, 0], ends[second, 0]) for ends in (around, within))
+    sure = inside < within[first, 1] + within[second, 1] + clearance - 1e-9
+    doubtful = ~sure & (outside <= around[first, 1] + around[second, 1] + clearance + 1e-9)
     return rows[sure], rows[doubtful]
 
 

@@ -139,8 +139,7 @@ def read_actuated(document: Document, spec: RobotSpec, facts: RobotFacts) -> Con
         except InputError as error:
             problems += [replace(p, message=f"{joint}: {p.message}", **here) for p in error.problems]
     if not problems and abs(np.linalg.det(matrix)) < 1e-9:
-        message = f"controller: {_tied(matrix, facts.driven)}"
-        problems.append(Problem(message, file=str(document.path), line=document.line("controller")))
+        problems.append(document.problem(f"controller: {_tied(matrix, facts.driven)}", "controller"))
     if problems:
         raise InputError(problems)
     lower, upper = frozen(limits[:, 0]), frozen(limits[:, 1])
@@ -204,7 +203,7 @@ def read_controller(document: Document, actuated: Controller, facts: RobotFacts,
     if bent.any():
         text = f"controller: {facts.joints[int(np.argmax(bent))]} does not follow in proportion to the pendant's angles"
         hint = "A joint without an actuator needs a coupling, or a parallelogram."
-        raise InputError(Problem(text, file=str(document.path), line=document.line("effects"), hint=hint))
+        raise InputError(document.problem(text, "effects", hint=hint))
     matrix, sliding = frozen((q[:m] - q[m]).T), facts.sliding
     return replace(actuated, matrix=matrix, offset=frozen(q[m]), driven=tuple(driven), sliding=sliding)
 

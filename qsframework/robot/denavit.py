@@ -11,6 +11,7 @@ the plane across the one before, d is 0, and Ry(beta_k) follows Rx(alpha_k).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import accumulate
 
 import numpy as np
 
@@ -93,12 +94,9 @@ def denavit(serial: Serial, hayati: bool = False) -> Denavit:
 
 def _lines(serial: Serial) -> tuple[Array, Array]:
     """A point (n, 3) and the direction (n, 3) of every axis in the base frame, all angles zero."""
-    here, points, axes = np.eye(4), list[Array](), list[Array]()
-    for placement, axis in zip(serial.placements, serial.axes, strict=True):
-        here = here @ placement
-        points.append(here[:3, 3])
-        axes.append(here[:3, :3] @ axis)
-    return np.stack(points), np.stack(axes)
+    frames = list(accumulate(serial.placements, np.matmul, initial=np.eye(4)))[1:]
+    axes = [frame[:3, :3] @ axis for frame, axis in zip(frames, serial.axes, strict=True)]
+    return np.stack([frame[:3, 3] for frame in frames]), np.stack(axes)
 
 
 def _end(serial: Serial) -> Array:

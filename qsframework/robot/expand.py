@@ -59,27 +59,26 @@ def read_tree(path: Path, folder: Path, sources: Sources | None = None, notes: l
 
     notes: takes up what xacro lets pass and a reader should know
     """
-    text = read_text(path, _LARGEST)
-    root = xml_tree.parse(text, str(path))
-    if path.suffix != ".xacro" and "xmlns:xacro" not in root.attributes:
-        return root
-    with _LOCK:
-        expansion = _Expansion(folder, sources)
-        root = expansion.run(path)
-    if notes is not None:
+    root, expansion = _expanded(path, folder, sources)
+    if notes is not None and expansion is not None:
         notes += expansion.notes
     return root
 
 
 def files_of(path: Path, folder: Path) -> tuple[Path, ...]:
     """The file and all that it includes, in the order in which xacro reads them."""
-    text = read_text(path, _LARGEST)
-    if path.suffix != ".xacro" and "xmlns:xacro" not in xml_tree.parse(text, str(path)).attributes:
-        return (path,)
+    _, expansion = _expanded(path, folder, None)
+    return (path,) if expansion is None else tuple(dict.fromkeys(map(Path, expansion.files)))
+
+
+def _expanded(path: Path, folder: Path, sources: Sources | None) -> tuple[Node, _Expansion | None]:
+    """The tree of a file, and the run of xacro that made it, if the file is one for xacro."""
+    root = xml_tree.parse(read_text(path, _LARGEST), str(path))
+    if path.suffix != ".xacro" and "xmlns:xacro" not in root.attributes:
+        return root, None
     with _LOCK:
-        expansion = _Expansion(folder)
-        expansion.run(path)
-    return tuple(dict.fromkeys(Path(name) for name in expansion.files))
+        expansion = _Expansion(folder, sources)
+        return expansion.run(path), expansion
 
 
 class _Expansion:
@@ -98,16 +97,20 @@ class _Expansion:
     def run(self, path: Path) -> Node:
         import xacro
 
-        with self._confined(xacro):
-            try:
-                document: Any = xacro.process_file(str(path), mappings=dict(self.sources.arguments), verbosity=0)
-                root = self._node(document.documentElement)
-            except InputError:
-                raise
-            except Exception as error:  # xacro raises many kinds on a wrong file
-                _raise_ours(error)
-                raise InputError(self._problem(error, XmlPlace(self._current() or str(path), None))) from error
-        return root
+        with self._confined(xacro), self._placed(lambda: XmlPlace(self._current() or str(path), None)):
+            document: Any = xacro.process_file(str(path), mappings=dict(self.sources.arguments), verbosity=0)
+            return self._node(document.documentElement)
+
+    @contextmanager
+    def _placed(self, place: Callable[[], XmlPlace]) -> Generator[None, None, None]:
+        """InputError at a place for whatever xacro raises meanwhile."""
+        try:
+            yield
+        except InputError:
+            raise
+        except Exception as error:  # xacro raises many kinds on a wrong file
+            _raise_ours(error)
+            raise InputError(self._problem(error, place())) from error
 
     @contextmanager
     def _confined(self, xacro: Any) -> Generator[None, None, None]:
@@ -152,7 +155,6 @@ class _Expansion:
                 setattr(xacro, name, their)
 
     def _value(self, text: str, names: Mapping[str, Any], _: Any = None) -> Any:
-        here = Path(self._current() or self.folder / "robot")
         own: dict[str, Callable[[str], Any]] = {
             "load_yaml": lambda file: self._load_yaml(file, text),
             "arg": lambda name: self._extension(f"$(arg {name})"),
@@ -160,7 +162,7 @@ class _Expansion:
         try:
             found = evaluate(text, names, own)
         except ValueError:
-            self.failed = (here, text)
+            self.failed = (self._here, text)
             raise
         if is_mapping(found) or is_list(found) or isinstance(found, str):
             self._grow(len(str(found)))
@@ -168,7 +170,7 @@ class _Expansion:
 
     def _load_yaml(self, name: str, expression: str) -> dict[str, Any]:
         """The table of a YAML file, which may use xacro's tags for units; placed where the expression stands."""
-        here = Path(self._current() or self.folder / "robot")
+        here = self._here
         path = here.parent / name.removeprefix("file://")
         problem = None
         if len(name) > _LONGEST_NAME or not any(inside(path, folder) for folder in self.roots):
@@ -223,11 +225,11 @@ class _Expansion:
         content = data.encode("utf-8")
         parts: list[bytes] = []
         last = 0
-        for start in xml_tree.starts(data, str(path)):
-            if start.tag in _BUILT_IN:
+        for tag, offset, line, attributes in xml_tree.starts(data, str(path)):
+            if tag in _BUILT_IN:
                 continue
-            at = start.offset + 1 + len(start.tag.encode("utf-8"))
-            origin = f"{len(self.files) - 1}:{start.line}:{'own' if _says_something(start.attributes) else 'macro'}"
+            at = offset + 1 + len(tag.encode("utf-8"))
+            origin = f"{len(self.files) - 1}:{line}:{'own' if _says_something(attributes) else 'macro'}"
             parts += [content[last:at], f' {_ORIGIN}="{origin}"'.encode()]
             last = at
         return minidom.parseString(b"".join([*parts, content[last:]]))
@@ -235,6 +237,10 @@ class _Expansion:
     def _current(self) -> str | None:
         stack = [name for name in self._xacro.filestack or () if name]
         return next((name for name in reversed(stack) if name in self.files), None)
+
+    @property
+    def _here(self) -> Path:
+        return Path(self._current() or self.folder / "robot")
 
     def _extension(self, text: str) -> str:
         """`$(find package)` is a folder of the robot's folder, `$(arg name)` an argument; no others."""
@@ -275,13 +281,8 @@ class _Expansion:
             return call(node, macros, symbols)
         node.removeAttribute(_ORIGIN)
         parent, before = node.parentNode, {id(child) for child in node.parentNode.childNodes}
-        try:
+        with self._placed(lambda: self._place(origin)):
             result = call(node, macros, symbols)
-        except InputError:
-            raise
-        except Exception as error:
-            _raise_ours(error)
-            raise InputError(self._problem(error, self._place(origin))) from error
         for child in parent.childNodes:
             if id(child) not in before:
                 _mark(child, origin)

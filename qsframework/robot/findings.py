@@ -128,7 +128,7 @@ def _loops(robot: Robot) -> Iterator[GravityCheck]:
     zero = robot.controller.to_joints(np.zeros((1, robot.controller.axes)))
     reachable = not robot.controller.outside(np.zeros((1, robot.controller.axes))).any()
     for loop in (e for e in robot.effects if isinstance(e, Loop)):
-        joints = [k for k in (_index(robot, joint) for joint in loop.joints(robot.facts)) if k is not None]
+        joints = [robot.facts.joint_index(j) for j in loop.joints(robot.facts) if j in robot.facts.joints]
         if len(joints) < 2:
             continue
         q = np.zeros((1, len(loop.joints(robot.facts))))
@@ -159,7 +159,3 @@ def _beside(robot: Robot, loop: Loop, joints: list[int]) -> Iterator[GravityChec
         text = f"at zero joint angles its pivot stands {outside:.2f} m outside all that is drawn of "
         text += f"{robot.facts.links[driven]}: look at zero_deg and lever_m, or at the solids of the URDF"
         yield GravityCheck(loop.name, False, text)
-
-
-def _index(robot: Robot, joint: str) -> int | None:
-    return robot.facts.joint_index(joint) if joint in robot.facts.joints else None

@@ -253,13 +253,11 @@ class _Reading:
         elif not is_file(folder / name):
             problem = "does not exist in the robot's folder"
         if problem:
-            line = self.document.line(key)
-            raise InputError(Problem(f"{key}: {name[:80]!r} {problem}", file=str(self.document.path), line=line))
+            raise InputError(self.document.problem(f"{key}: {name[:80]!r} {problem}", key))
         return folder / name
 
     def problem(self, message: str, *keys: str, **more: Any) -> None:
-        place = {"file": str(self.document.path), "line": self.document.line(*keys)}
-        self.problems.append(Problem(message, **place, **more))
+        self.problems.append(self.document.problem(message, *keys, **more))
 
     def _spec(self, spec: RobotSpec, urdf: Urdf) -> None:
         links, joints = [link.name for link in urdf.links], [joint.name for joint in urdf.joints]

@@ -150,13 +150,11 @@ def convex_hull(points: Array) -> Hull:
     whole, volume = frozen(points[hull.vertices]), float(hull.volume)
     if len(whole) > _CORNERS:
         points, hull = _hull(whole[np.unique(np.argmax(whole @ _sphere(_DIRECTIONS).T, axis=0))])
-    place = np.zeros(len(points), dtype=np.intp)
-    place[hull.vertices] = np.arange(len(hull.vertices))
     equations: Array = np.asarray(hull.equations, dtype=np.float64)
     planes = np.unique(np.round(equations, 9), axis=0)
     return Hull(
         corners=frozen(points[hull.vertices]),
-        faces=place[_outward(points, hull)],
+        faces=_outward(points, hull),
         normals=frozen(planes[:, :3]),
         offsets=frozen(-planes[:, 3]),
         whole=whole,
@@ -167,9 +165,7 @@ def convex_hull(points: Array) -> Hull:
 def whole_hull(points: Array) -> tuple[Array, Indices]:
     """Vertices (V, 3) and faces (F, 3) of the convex hull of points (N, 3) m, none of which is outside."""
     points, hull = _hull(points)
-    place = np.zeros(len(points), dtype=np.intp)
-    place[hull.vertices] = np.arange(len(hull.vertices))
-    return points[hull.vertices], place[_outward(points, hull)]
+    return points[hull.vertices], _outward(points, hull)
 
 
 def _hull(points: Array) -> tuple[Array, Any]:
@@ -197,12 +193,14 @@ def _volume(vertices: Array, faces: Indices) -> float:
 
 
 def _outward(points: Array, hull: Any) -> Indices:
-    """The triangles (F, 3) of a hull, each turned so that it is seen from outside."""
+    """The triangles (F, 3) of a hull, as numbers of its corners, each turned so that it is seen from outside."""
     faces = np.array(hull.simplices, dtype=np.intp)
     first, second, third = (points[faces[:, k]] for k in range(3))
     turned = np.einsum("fi,fi->f", np.cross(second - first, third - first), hull.equations[:, :3]) < 0.0
     faces[turned] = faces[turned][:, ::-1]
-    return faces
+    place = np.zeros(len(points), dtype=np.intp)
+    place[hull.vertices] = np.arange(len(hull.vertices))
+    return place[faces]
 
 
 def _sphere(count: int) -> Array:

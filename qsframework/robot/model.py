@@ -133,18 +133,14 @@ def read_shapes(urdf: Urdf, frames: Mapping[str, LinkFrame], folder: Path) -> tu
     Of a mesh its convex hull, and the mesh where it is not convex; one whose file is not there counts as none.
     InputError for one that cannot be read.
     """
-    return tuple(
-        shape
-        for link in urdf.links
-        if (frame := frames.get(link.name)) is not None
-        for shape in _shapes(link, frame, urdf.path, folder)
-    )
-
-
-def _shapes(link: Link, frame: LinkFrame, urdf: Path, folder: Path) -> list[Shape]:
-    made = [_shape(solid, frame, urdf, folder) for solid in link.collisions]
-    made = made if any(made) else [_shape(solid, frame, urdf, folder) for solid in (*link.visuals, *link.meshes)]
-    return [shape for shape in made if shape is not None]
+    shapes: list[Shape] = []
+    for link, frame in ((link, frames[link.name]) for link in urdf.links if link.name in frames):
+        for solids in (link.collisions, (*link.visuals, *link.meshes)):
+            own = [shape for solid in solids if (shape := _shape(solid, frame, urdf.path, folder)) is not None]
+            shapes += own
+            if own:
+                break
+    return tuple(shapes)
 
 
 def _shape(solid: Visual | MeshVisual, frame: LinkFrame, urdf: Path, folder: Path) -> Shape | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,9 +17,8 @@ from qsframework.robot.packages import Sources
 from qsframework.robot.robot import Robot
 from qsframework.robot.scaffold import propose
 from qsframework.robot.scaffold_joints import ChainJoint
+from qsframework.robot.search import ROBOT_NAME
 from qsframework.robot.statics import GravityCheck, check_statics
-
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +60,7 @@ def new(
             description is no arm.
     """
     arm, folder = arm or Arm(), Path(folder or name)
-    if not _NAME.fullmatch(name):
+    if not ROBOT_NAME.fullmatch(name):
         raise InputError(Problem(f"name: use letters, digits, _ . and - only, found {name!r}"))
     if arm.payload is not None and not 0.01 <= arm.payload <= RANGES["kg"].most:
         allowed, argument = f"0.01 to {RANGES['kg'].most:g} kg", ("payload", "KG")

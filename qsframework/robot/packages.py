@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from itertools import chain
+from itertools import chain, islice
 from pathlib import Path
 
 from qsframework.errors import InputError
@@ -51,7 +51,7 @@ class Sources:
             return home
         if (folder / package).is_dir():
             return folder / package
-        below = (found for found in _below(home) if package in (found.name, _title(found)))
+        below = (found for found in islice(_below(home), _MOST) if package in (found.name, _title(found)))
         return next(chain(below, self._beside(package, home)), None)
 
     def home(self, folder: Path) -> Path:
@@ -89,14 +89,9 @@ def _title(folder: Path) -> str | None:
 def _below(folder: Path) -> Iterator[Path]:
     """The folders in a folder, the nearest first."""
     level = [folder]
-    count = 0
     for _ in range(_DOWN):
-        level = [found for here in level for found in _folders(here)]
-        for found in level:
-            count += 1
-            if count > _MOST:
-                return
-            yield found
+        level = [below for upper in level for below in _folders(upper)]
+        yield from level
 
 
 def _folders(folder: Path) -> list[Path]:

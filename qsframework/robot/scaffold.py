@@ -26,7 +26,14 @@ from qsframework.robot.scaffold_joints import (
 from qsframework.robot.scaffold_masses import mass_of, with_bodies, with_masses
 from qsframework.robot.scaffold_meshes import with_meshes
 from qsframework.robot.scaffold_reach import reach_words
-from qsframework.robot.scaffold_text import ControllerRow, loops_text, nominal_text, readme_text, robot_text
+from qsframework.robot.scaffold_text import (
+    ControllerRow,
+    NominalRow,
+    loops_text,
+    nominal_text,
+    readme_text,
+    robot_text,
+)
 from qsframework.robot.urdf import Joint, Link, MeshVisual, Mimic, Urdf, Visual, read_urdf
 from qsframework.robot.xml_tree import quoted
 from qsframework.units import SLIDES, TURNS
@@ -44,16 +51,6 @@ class Proposal:
     files: dict[str, str]
     checklist: tuple[str, ...]
     chain: tuple[ChainJoint, ...] = ()
-
-
-@dataclass(frozen=True)
-class ScaffoldStiffness:
-    """Assumed stiffness (N m/rad, N/m where it slides) of a joint, and why."""
-
-    joint: str
-    value: float
-    why: str
-    slides: bool = False
 
 
 def propose(
@@ -91,7 +88,7 @@ def propose(
         raise InputError(problems)
     arm, meshes, unread = with_meshes(arm, sources)
     moving = [joint for joint in every if joint.mimic is None]
-    stiffness = [s for s in _stiffness(arm, every, payload) if s.joint not in following]
+    stiffness = [row for row in _stiffness(arm, every, payload) if row[0] not in following]
     build, senses = build_of(moving, chain)
     balancer = find_balancer(source, base, chain)
     notes = (
@@ -115,8 +112,8 @@ def propose(
             following,
             loops_text(build, senses, moving, balancer),
         ),
-        "nominal.yaml": nominal_text([(s.joint, s.slides, s.value, s.why) for s in stiffness]),
-        "README.md": readme_text(name, source.path.name, guessed, stiffness[-1].why, notes),
+        "nominal.yaml": nominal_text(stiffness),
+        "README.md": readme_text(name, source.path.name, guessed, stiffness[-1][3], notes),
         **meshes,
     }
     return Proposal(files, notes, told_joints(source, chain, arm.joints, dropped, flange, led))
@@ -170,31 +167,32 @@ def _told_following(following: dict[str, Mimic], led: Sequence[TelescopicColumn]
     return (*notes[: bool(following)], *columns)
 
 
-def _stiffness(urdf: Urdf, moving: list[Joint], payload: float | None) -> list[ScaffoldStiffness]:
+def _stiffness(urdf: Urdf, moving: list[Joint], payload: float | None) -> list[NominalRow]:
     """From the largest torques if all are stated, else from what the links weigh."""
     if all(j.effort for j in moving) and len({j.effort for j in moving}) > 1:
         why = "assumed: 2.5 mrad at the joint's largest torque in the URDF"
-        return [
-            ScaffoldStiffness(j.name, _SLIDE, _WHY_SLIDE, True)
-            if slides(j)
-            else ScaffoldStiffness(j.name, j.effort / _TWIST_AT_EFFORT, why)
-            for j in moving
-        ]
+        turning = [j.effort / _TWIST_AT_EFFORT for j in moving]
+    else:
+        why, turning = _held_by_weight(urdf, moving, payload)
+    return [
+        (j.name, True, _SLIDE, _WHY_SLIDE) if slides(j) else (j.name, False, value, why)
+        for j, value in zip(moving, turning, strict=True)
+    ]
+
+
+def _held_by_weight(urdf: Urdf, moving: list[Joint], payload: float | None) -> tuple[str, list[float]]:
+    """Why, and the stiffness, N m/rad, of every joint, were it one that turns."""
     lengths = [float(np.linalg.norm(j.origin.xyz)) for j in moving] + [0.0]
     masses = [mass_of(urdf, j.child) for j in moving]
     tool, reach = payload or _TOOL_SHARE * sum(masses), sum(lengths[1:])
     load = f"a tool of {100 * _TOOL_SHARE:g} % of it" if payload is None else "the payload"
-    out: list[ScaffoldStiffness] = []
-    for k, joint in enumerate(moving):
-        if slides(joint):
-            out.append(ScaffoldStiffness(joint.name, _SLIDE, _WHY_SLIDE, True))
-            continue
+    values: list[float] = []
+    for k in range(len(moving)):
         arms = np.cumsum([0.0, *lengths[k + 1 : -1]])
         moment = sum(m * (a + 0.5 * b) for m, a, b in zip(masses[k:], arms, lengths[k + 1 :], strict=True))
         moment += tool * (float(arms[-1]) + _TOOL_REACH * max(reach, 0.1))
-        why = f"assumed: 1 mrad under the stretched arm's own weight and {load}"
-        out.append(ScaffoldStiffness(joint.name, 9.81 * moment / _TWIST_AT_WEIGHT, why))
-    return out
+        values.append(9.81 * moment / _TWIST_AT_WEIGHT)
+    return f"assumed: 1 mrad under the stretched arm's own weight and {load}", values
 
 
 def _rows(moving: list[Joint], led: Sequence[TelescopicColumn]) -> list[ControllerRow]:
@@ -284,8 +282,8 @@ def _found(
             f"limits: {', '.join(far)} would turn more than four times either way: angles of a URDF are in rad. "
             "Where degrees are meant, correct them there, and run qsf new again"
         )
-    bare = [j.child for j in moving if not any(_solids(urdf.link(name)) for name in _with_fixed(urdf, j.child))]
-    if bare:
+    links = {j.child: map(urdf.link, urdf.fixed_to(j.child)) for j in moving}
+    if bare := [child for child, own in links.items() if not any(o.visuals or o.meshes or o.collisions for o in own)]:
         notes.append(
             f"solids: no box, cylinder, sphere or mesh of {', '.join(bare)} in {_file(urdf)}: these links are not "
             "checked for collisions and hide nothing from the tracker"
@@ -293,18 +291,8 @@ def _found(
     return tuple(notes)
 
 
-def _solids(link: Link) -> bool:
-    return bool(link.visuals or link.meshes or link.collisions)
-
-
 def _file(urdf: Urdf) -> str:
     return "the table" if urdf.path.suffix == ".csv" else "the URDF"
-
-
-def _with_fixed(urdf: Urdf, link: str) -> list[str]:
-    """A link and all that is fixed to it."""
-    fixed = [j.child for j in urdf.joints if j.parent == link and not j.moves]
-    return [link, *(name for child in fixed for name in _with_fixed(urdf, child))]
 
 
 def _left_out(dropped: list[Joint], lost: float) -> tuple[str, ...]:

@@ -31,7 +31,7 @@ def find_balancer(urdf: Urdf, base: str, chain: Sequence[Joint]) -> Balancer | N
     found: list[tuple[int, Array, str]] = []
     for joint in urdf.joints:
         here = body_of(urdf, joint.parent)
-        here = base if here not in bodies and base in _fixed_below(urdf, here) else here
+        here = base if here not in bodies and base in urdf.fixed_to(here) else here
         if _CALLED.search(joint.child) and not _CALLED.search(joint.parent) and here in bodies:
             place = _place(urdf, here, joint.parent) @ joint.origin.matrix()
             found.append((bodies.index(here), place[:3, 3], joint.child))
@@ -40,11 +40,6 @@ def find_balancer(urdf: Urdf, base: str, chain: Sequence[Joint]) -> Balancer | N
         return None
     (one, start, low), (other, end, high) = found
     return Balancer(bodies[one], bodies[other], (start, end), (low, high))
-
-
-def _fixed_below(urdf: Urdf, link: str) -> list[str]:
-    fixed = [j.child for j in urdf.joints if j.parent == link and not j.moves]
-    return [*fixed, *(name for child in fixed for name in _fixed_below(urdf, child))]
 
 
 def _place(urdf: Urdf, body: str, link: str) -> Array:

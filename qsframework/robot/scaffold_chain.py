@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable
 from enum import StrEnum
 
@@ -12,7 +13,7 @@ from qsframework.errors import InputError, Problem, some_of
 from qsframework.plugin import Array
 from qsframework.robot.checks import chain_joints
 from qsframework.robot.scaffold_joints import followers
-from qsframework.robot.urdf import Joint, Urdf
+from qsframework.robot.urdf import Joint, Urdf, placement
 
 _SAME = 1e-4
 _ASKEW = 0.05
@@ -94,16 +95,7 @@ def _flange(urdf: Urdf, base: str) -> str:
     if called is None:
         last = _before_a_spin(chain_joints(urdf, base, ends[0].child) or [], ends[0])
         last = _quill(urdf, last) if last is ends[0] else last
-    return min(_fixed_to(urdf, last.child), key=_rank, default=last.child)
-
-
-def _fixed_to(urdf: Urdf, link: str) -> list[str]:
-    """The links with a flange's name that are fixed to a link, and the link itself."""
-    here = fixed = [link]
-    while here:
-        here = [j.child for j in urdf.joints if j.parent in here and j.kind == "fixed"]
-        fixed = [*fixed, *here]
-    return [name for name in fixed if _rank(name) < len(_FLANGES)]
+    return min(urdf.fixed_to(last.child), key=_rank)
 
 
 def _rank(link: str) -> int:
@@ -142,10 +134,9 @@ def _before_fingers(urdf: Urdf, base: str, ends: list[Joint], own: Callable[[Joi
 def _quill(urdf: Urdf, last: Joint) -> Joint:
     """The one joint beyond the last that slides along its axis, as a SCARA's quill does; else the last itself."""
     beyond = [j for j in urdf.below(last.child) if _slides(j)]
-    place = np.eye(4)
-    for joint in (chain_joints(urdf, last.child, beyond[0].child) or []) if len(beyond) == 1 else []:
-        place = place @ joint.origin.matrix()
-    along = place[:3, :3] @ beyond[0].axis if len(beyond) == 1 else np.zeros(3)
+    if len(beyond) != 1:
+        return last
+    along = placement(chain_joints(urdf, last.child, beyond[0].child) or [])[:3, :3] @ beyond[0].axis
     size = np.linalg.norm(along) * np.linalg.norm(last.axis)
     return beyond[0] if size > 0.0 and np.linalg.norm(np.cross(last.axis, along)) < _SAME * size else last
 
@@ -157,9 +148,7 @@ def _before_a_spin(chain: list[Joint], last: Joint) -> Joint:
     if len(turning) < 2 or last is not turning[-1]:
         return last
     before = turning[-2]
-    place = np.eye(4)
-    for joint in chain[chain.index(before) + 1 :]:
-        place = place @ joint.origin.matrix()
+    place = placement(chain[chain.index(before) + 1 :])
     axis = before.axis / np.linalg.norm(before.axis)
     other = place[:3, :3] @ (last.axis / np.linalg.norm(last.axis))
     apart = np.linalg.norm(np.cross(axis, place[:3, 3])) + np.linalg.norm(np.cross(axis, other))
@@ -169,10 +158,7 @@ def _before_a_spin(chain: list[Joint], last: Joint) -> Joint:
 def _offered(urdf: Urdf, base: str, ends: list[Joint]) -> str:
     """The links where chains end, and before them those where an arm parts into a hand."""
     paths = [[j.child for j in chain_joints(urdf, base, end.child) or [] if _turns(j)] for end in ends]
-    through: dict[str, int] = {}
-    for path in paths:
-        for link in path[:-1]:
-            through[link] = through.get(link, 0) + 1
+    through = Counter(link for path in paths for link in path[:-1])
     parting: dict[str, str] = {}
     for path in paths:
         for k, link in enumerate(path[:-1]):

@@ -72,9 +72,5 @@ def with_meshes(urdf: Urdf, sources: Sources) -> tuple[Urdf, dict[str, str], tup
         ("meshes: these cannot be read and are omitted", kept.broken),
         (f"meshes: with more than {_SOLID} triangles the convex hull stands for them in collisions", kept.fine),
     )
-    return replace(urdf, links=links), kept.files, tuple(f"{head}: {_some(found)}" for head, found in notes if found)
-
-
-def _some(names: list[str]) -> str:
-    """The first few of many names."""
-    return some_of(list(dict.fromkeys(names)), 3)
+    words = (f"{head}: {some_of([*dict.fromkeys(names)], 3)}" for head, names in notes if names)
+    return replace(urdf, links=links), kept.files, tuple(words)

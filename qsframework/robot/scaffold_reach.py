@@ -19,10 +19,10 @@ def reach_words(chain: Sequence[Joint], following: Mapping[str, Mimic]) -> str |
 
     chain: all joints from base to flange. None where no two joints turn.
     """
-    turning = [joint for joint in chain if joint.moves and not slides(joint)]
-    if len(turning) < 2:
+    moving = [joint for joint in chain if joint.moves]
+    if sum(not slides(joint) for joint in moving) < 2:
         return None
-    wrist = [joint for joint in chain if joint.moves][-2]
+    wrist = moving[-2]
     far = [_farthest(chain, following, end) for end in (wrist.name, "")]
     said = f"the flange comes {far[1]:.3g} m from the first axis, the origin of {wrist.name} {far[0]:.3g} m"
     return said if far[0] > 0.05 else f"the flange comes {far[1]:.3g} m from the first axis"

@@ -13,6 +13,8 @@ from qsframework.robot.urdf import Joint, Mimic
 
 ControllerRow = tuple[str, str, float, float, str]
 """Of `controller:`: joint, unit, lowest and highest value, and its `equals` ("" for none)."""
+NominalRow = tuple[str, bool, float, str]
+"""Of nominal.yaml: joint, whether it slides, its assumed stiffness (N m/rad, N/m where it slides), and why that."""
 _WORDS = ("y", "n", "yes", "no", "on", "off", "true", "false", "null")
 """That YAML does not read as text."""
 _PARALLELOGRAM = """  # A parallelogram? Then the driven joint follows the driver; lever_m: axis 3 to the bar's pivot;
@@ -93,8 +95,8 @@ def _key(name: str) -> str:
     return name if re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII) and name.lower() not in _WORDS else json.dumps(name)
 
 
-def nominal_text(values: Sequence[tuple[str, bool, float, str]]) -> str:
-    """nominal.yaml: compliances of joints, of which some slide, from stiffnesses (N m/rad, N/m)."""
+def nominal_text(values: Sequence[NominalRow]) -> str:
+    """nominal.yaml: compliances of joints."""
     out = "# All assumed, to plan with; none is measured.\n"
     for joint, slides, stiffness, why in values:
         key = json.dumps(f"joint_compliance[{joint}]")

@@ -75,7 +75,7 @@ def robot_titles() -> dict[str, str]:
     """Name and title of every robot on the search path. InputError where a robot.yaml has no title for a terminal."""
     documents = {name: read_yaml(find_robot(name)) for name in robot_names()}
     problems = [
-        Problem("title must be one line of text", file=str(document.path), line=document.line("title"))
+        document.problem("title must be one line of text", "title")
         for document in documents.values()
         if not (isinstance(title := document.data.get("title"), str) and title.isprintable())
     ]

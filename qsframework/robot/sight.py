@@ -62,19 +62,15 @@ def crosses(shape: Shape, start: Array, end: Array) -> Flags:
     """Whether segments from start to end (3, N), in the solid's own frame, pass through the solid (N,)."""
     way = end - start
     if shape.hull is not None:
-        low, high = _between_planes(shape.hull, start, way)
+        inside = [_between_planes(shape.hull, start, way)]
     elif shape.kind == "sphere":
-        low, high = _ball(start, way, shape.size[0])
+        inside = [_ball(start, way, shape.size[0])]
     elif shape.kind == "box":
-        low, high = _slab(start[0], way[0], shape.size[0] / 2.0)
-        for k in (1, 2):
-            a, b = _slab(start[k], way[k], shape.size[k] / 2.0)
-            low, high = np.maximum(low, a), np.minimum(high, b)
+        inside = [_slab(start[k], way[k], shape.size[k] / 2.0) for k in range(3)]
     else:
-        a, b = _slab(start[2], way[2], shape.size[1] / 2.0)
-        low, high = _ball(start[:2], way[:2], shape.size[0])
-        low, high = np.maximum(low, a), np.minimum(high, b)
-    return np.maximum(low, 0.0) < np.minimum(high, 1.0)
+        inside = [_ball(start[:2], way[:2], shape.size[0]), _slab(start[2], way[2], shape.size[1] / 2.0)]
+    low, high = zip(*inside, strict=True)
+    return np.maximum.reduce([*low, np.zeros_like(low[0])]) < np.minimum.reduce([*high, np.ones_like(high[0])])
 
 
 def _between_planes(hull: Hull, start: Array, way: Array) -> tuple[Array, Array]:

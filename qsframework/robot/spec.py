@@ -113,15 +113,8 @@ def read_nominal(
             out[name] = value.read(entry)
             problems += value.problems
         elif complete:
-            problems.append(
-                Problem(
-                    f"no effect has the parameter {name!r}",
-                    file=str(document.path),
-                    line=document.line(name),
-                    allowed=", ".join(parameters),
-                    hint=suggestion(name, parameters),
-                )
-            )
+            message, hint = f"no effect has the parameter {name!r}", suggestion(name, parameters)
+            problems.append(document.problem(message, name, allowed=", ".join(parameters), hint=hint))
     for effect in effects if not problems else ():
         own = [out[p.name] for p in effect.parameters(facts)]
         stated = [p.name for p in own if p.name in document.data]
@@ -239,6 +232,5 @@ class _Entry:
             self.problem("the sd must be positive", found=f"{sd:g}", hint=hint)
 
     def problem(self, message: str, *keys: str, **more: Any) -> None:
-        line = self.document.line(self.parameter.name, *keys)
         text = f"{self.parameter.name}: {message}"
-        self.problems.append(Problem(text, file=str(self.document.path), line=line, **more))
+        self.problems.append(self.document.problem(text, self.parameter.name, *keys, **more))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from functools import reduce
 from pathlib import Path
 
 import numpy as np
@@ -140,13 +141,23 @@ class Urdf:
 
     def below(self, link: str) -> list[Joint]:
         """All joints on the far side of a link, parents first."""
-        open_links = [link]
-        found: list[Joint] = []
-        while open_links:
-            here = [joint for joint in self.joints if joint.parent == open_links[0]]
-            found += here
-            open_links = [*open_links[1:], *(joint.child for joint in here)]
-        return found
+        below = [joint for joint in self.joints if joint.parent == link]
+        for upper in below:  # which grows meanwhile
+            below += [joint for joint in self.joints if joint.parent == upper.child]
+        return below
+
+    def fixed_to(self, link: str) -> list[str]:
+        """A link and all that is fixed to it, the nearest first."""
+        links = [link]
+        for parent in links:  # which grows meanwhile
+            fixed = (j.child for j in self.joints if j.parent == parent and j.kind == "fixed")
+            links += [child for child in fixed if child not in links]
+        return links
+
+
+def placement(joints: Iterable[Joint]) -> Array:
+    """Where the last of joints that follow one another stands in the frame before the first (4, 4), all at zero."""
+    return reduce(np.matmul, (joint.origin.matrix() for joint in joints), np.eye(4))
 
 
 def read_urdf(path: Path, folder: Path, sources: Sources | None = None) -> Urdf:

@@ -7,10 +7,10 @@ data, so only numbers, texts, lists, tables, the names of the file and the funct
 from __future__ import annotations
 
 import ast
+import builtins
 import math
 import operator
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any, cast
 
 from qsframework.files.plain import is_list, is_mapping
@@ -28,43 +28,15 @@ class NotAllowed(ValueError):
 FUNCTIONS: dict[str, Callable[..., Any]] = {
     name: getattr(math, name)
     for name in (
-        "acos",
-        "asin",
-        "atan",
-        "atan2",
-        "ceil",
-        "copysign",
-        "cos",
-        "degrees",
-        "exp",
-        "fabs",
-        "floor",
-        "fmod",
-        "hypot",
-        "log",
-        "log10",
-        "pow",
-        "radians",
-        "sin",
-        "sqrt",
-        "tan",
+        *("acos", "asin", "atan", "atan2", "cos", "hypot", "sin", "tan", "degrees", "radians"),
+        *("ceil", "copysign", "exp", "fabs", "floor", "fmod", "log", "log10", "pow", "sqrt"),
     )
 } | {
-    "abs": abs,
-    "all": all,
-    "any": any,
-    "bool": bool,
-    "dict": dict,
-    "float": float,
-    "int": int,
-    "len": len,
-    "list": list,
-    "max": max,
-    "min": min,
-    "round": round,
-    "sorted": sorted,
-    "str": str,
-    "sum": sum,
+    name: getattr(builtins, name)
+    for name in (
+        *("abs", "all", "any", "len", "max", "min", "round", "sorted", "sum"),
+        *("bool", "dict", "float", "int", "list", "str"),
+    )
 }
 _METHODS: dict[type, tuple[str, ...]] = {
     str: (
@@ -77,57 +49,35 @@ _METHODS: dict[type, tuple[str, ...]] = {
 """What a text, a list and a table may be asked."""
 
 
-def _ratio(a: Any, b: Any) -> Any:
-    return a / b
-
-
-def _whole(a: Any, b: Any) -> Any:
-    return a // b
-
-
-def _power(a: Any, b: Any) -> float:
-    return float(a) ** float(b)
-
-
-def _inside(a: Any, b: Any) -> bool:
-    return a in b
-
-
-def _outside(a: Any, b: Any) -> bool:
-    return a not in b
-
-
-def _same(a: Any, b: Any) -> bool:
+def _is(a: Any, b: Any) -> bool:
     if b is not None:
         raise NotAllowed("`is` asks of None only in a robot file")
     return a is None
 
 
-def _other(a: Any, b: Any) -> bool:
-    return not _same(a, b)
-
-
-_OPERATORS: dict[type[ast.AST], Callable[..., Any]] = {
+_SIGNS: dict[type[ast.AST], Callable[[Any], Any]] = {
+    ast.UAdd: operator.pos,
+    ast.USub: operator.neg,
+    ast.Not: operator.not_,
+}
+_OPERATORS: dict[type[ast.AST], Callable[[Any, Any], Any]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
     ast.Mult: operator.mul,
-    ast.Div: _ratio,
-    ast.FloorDiv: _whole,
+    ast.Div: lambda a, b: a / b,
+    ast.FloorDiv: lambda a, b: a // b,
     ast.Mod: operator.mod,
-    ast.Pow: _power,
+    ast.Pow: lambda a, b: float(a) ** float(b),
     ast.Eq: operator.eq,
     ast.NotEq: operator.ne,
     ast.Lt: operator.lt,
     ast.LtE: operator.le,
     ast.Gt: operator.gt,
     ast.GtE: operator.ge,
-    ast.In: _inside,
-    ast.NotIn: _outside,
-    ast.Is: _same,
-    ast.IsNot: _other,
-    ast.UAdd: operator.pos,
-    ast.USub: operator.neg,
-    ast.Not: operator.not_,
+    ast.In: lambda a, b: a in b,
+    ast.NotIn: lambda a, b: a not in b,
+    ast.Is: _is,
+    ast.IsNot: lambda a, b: not _is(a, b),
 }
 
 
@@ -142,18 +92,14 @@ def evaluate(expression: str, names: Mapping[str, Any], own: Mapping[str, Callab
         body = ast.parse(expression.strip(), mode="eval").body
     except SyntaxError as error:
         raise ValueError(f"not an expression: {expression.strip()!r}") from error
-    found = _value(body, _Scope(names, own or {}))
+    found = _value(body, (names, own or {}))
     if not _is_data(found):
         raise ValueError(f"{expression.strip()!r} is no number, text, list or table of values")
     return found
 
 
-@dataclass(frozen=True)
-class _Scope:
-    """The names of an expression, and the functions of the file."""
-
-    names: Mapping[str, Any]
-    own: Mapping[str, Callable[[str], Any]]
+Scope = tuple[Mapping[str, Any], Mapping[str, Callable[[str], Any]]]
+"""The names of an expression, and the functions of the file."""
 
 
 def _is_data(value: Any) -> bool:
@@ -163,14 +109,14 @@ def _is_data(value: Any) -> bool:
     return all(_is_data(v) for v in value) if is_list(value) else isinstance(value, bool | int | float | str | None)
 
 
-def _value(node: ast.expr, scope: _Scope) -> Any:
+def _value(node: ast.expr, scope: Scope) -> Any:
     match node:
         case ast.Constant(value=bool() | int() | float() | str() | None):
             return node.value
         case ast.Name():
-            return _name(node.id, scope.names)
-        case ast.UnaryOp() if type(node.op) in _OPERATORS:
-            return _OPERATORS[type(node.op)](_value(node.operand, scope))
+            return _name(node.id, scope[0])
+        case ast.UnaryOp() if type(node.op) in _SIGNS:
+            return _SIGNS[type(node.op)](_value(node.operand, scope))
         case ast.BinOp():
             return _binary(node.op, _value(node.left, scope), _value(node.right, scope))
         case ast.BoolOp():
@@ -196,7 +142,7 @@ def _value(node: ast.expr, scope: _Scope) -> Any:
             raise NotAllowed("only arithmetic is allowed in an expression of a robot file")
 
 
-def _table(node: ast.Dict, scope: _Scope) -> dict[str, Any]:
+def _table(node: ast.Dict, scope: Scope) -> dict[str, Any]:
     """`{'name': value, ..}`, whose keys are texts."""
     keys = [_value(key, scope) for key in node.keys if key is not None]
     if not all(isinstance(key, str) for key in keys):
@@ -204,7 +150,7 @@ def _table(node: ast.Dict, scope: _Scope) -> dict[str, Any]:
     return dict(zip(keys, _list([_value(value, scope) for value in node.values]), strict=True))
 
 
-def _part(owner: Any, part: ast.Slice, scope: _Scope) -> Any:
+def _part(owner: Any, part: ast.Slice, scope: Scope) -> Any:
     """`text[1:]`, `list[:3]`."""
     ends = [None if end is None else _value(end, scope) for end in (part.lower, part.upper, part.step)]
     if not isinstance(owner, str | list) or not all(end is None or type(end) is int for end in ends):
@@ -229,11 +175,9 @@ def _is_function(value: object) -> bool:
 
 
 def _item(owner: Any, key: Any) -> Any:
-    if is_list(owner) and isinstance(key, int) and -len(owner) <= key < len(owner):
-        return owner[key]
     if is_mapping(owner):
         return _entry(owner, key)
-    if isinstance(owner, str) and isinstance(key, int) and -len(owner) <= key < len(owner):
+    if (is_list(owner) or isinstance(owner, str)) and isinstance(key, int) and -len(owner) <= key < len(owner):
         return owner[key]
     raise ValueError(f"there is no entry {key!r} in a {'list' if is_list(owner) else 'value'}")
 
@@ -249,23 +193,22 @@ def _entry(owner: Mapping[str, Any], key: Any) -> Any:
     return value
 
 
-def _attribute(node: ast.Attribute, scope: _Scope) -> Any:
+def _attribute(node: ast.Attribute, scope: Scope) -> Any:
     owner = _value(node.value, scope)
     if not is_mapping(owner):
         raise ValueError(f"{node.attr!r} is not the name of a value")
     return _entry(owner, node.attr) if _is_data(owner) else _name(node.attr, owner)
 
 
-def _call(node: ast.Call, scope: _Scope) -> Any:
+def _call(node: ast.Call, scope: Scope) -> Any:
+    _, of_file = scope
     named = {keyword.arg: _value(keyword.value, scope) for keyword in node.keywords if keyword.arg}
     if len(named) < len(node.keywords) or not _is_data(named):
         raise NotAllowed(f"{ast.unparse(node)!r} is not allowed in a robot file")
     match node.func:
-        case ast.Name(id=name) | ast.Attribute(value=ast.Name(id="xacro"), attr=name) if (
-            name in scope.own and not named
-        ):
+        case ast.Name(id=name) | ast.Attribute(value=ast.Name(id="xacro"), attr=name) if name in of_file and not named:
             (text,) = _arguments(node, scope)
-            return scope.own[name](str(text))
+            return of_file[name](str(text))
         case ast.Name(id="dict") | ast.Attribute(value=ast.Name(id="python"), attr="dict"):
             return _data(dict(*_arguments(node, scope), **named))
         case ast.Name(id=name) | ast.Attribute(value=ast.Name(id="math" | "python"), attr=name) if (
@@ -305,7 +248,7 @@ def _data(value: Any) -> Any:
     return value
 
 
-def _arguments(node: ast.Call, scope: _Scope) -> list[Any]:
+def _arguments(node: ast.Call, scope: Scope) -> list[Any]:
     """The values between the brackets: data, for the text of what is no data tells where it lies in memory."""
     found = [_value(argument, scope) for argument in node.args]
     if not all(map(_is_data, found)):

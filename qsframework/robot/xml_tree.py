@@ -56,14 +56,8 @@ class Node:
         return self.attributes.get(name, default)
 
 
-@dataclass(frozen=True)
-class Start:
-    """A start tag in the text: name, byte offset, line, attributes."""
-
-    tag: str
-    offset: int
-    line: int
-    attributes: dict[str, str]
+Start = tuple[str, int, int, dict[str, str]]
+"""A start tag in the text: name, byte offset, line, attributes."""
 
 
 def parse(text: str, file: str) -> Node:
@@ -92,7 +86,7 @@ def _read(text: str, file: str) -> tuple[Node, list[Start]]:
         if len(stack) > _DEEPEST or len(found) >= _MOST:
             words = "elements are nested too deeply" if len(stack) > _DEEPEST else f"holds more than {_MOST} elements"
             raise InputError(node.place.problem(words))
-        found.append(Start(tag, parser.CurrentByteIndex, parser.CurrentLineNumber, attributes))
+        found.append((tag, parser.CurrentByteIndex, parser.CurrentLineNumber, attributes))
         stack[-1].children.append(node)
         stack.append(node)
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from test_chain_rule import MODELS
 
-from qsframework.elastostatics import Model, direct, displacements, positions, settled
+from qsframework.elastostatics import Model, direct, displacements, tangents
 from qsframework.experiment import load_experiment
 from qsframework.plugin import Poses
 
@@ -59,9 +59,8 @@ def both_ways(monkeypatch: pytest.MonkeyPatch, ask: Callable[[], np.ndarray]) ->
         asked.append(True)
         return known(*given)
 
-    monkeypatch.setattr(positions, "element_readings", seen)
+    monkeypatch.setattr(tangents, "element_readings", seen)
     monkeypatch.setattr(displacements, "element_readings", seen)
-    monkeypatch.setattr(settled, "element_readings", seen)
     fast = ask()
     assert asked
     asked.clear()
@@ -108,8 +107,7 @@ def test_few_parameters_and_a_spring_between_two_points_go_the_long_way(
     def refused(*_: Any) -> np.ndarray:
         raise AssertionError("all elements were asked for")
 
-    for module in (positions, settled):
-        monkeypatch.setattr(module, "element_readings", refused)
+    monkeypatch.setattr(tangents, "element_readings", refused)
     q = np.full((2, 6), 0.4)
     poses = Poses(q, q, np.zeros((2, 6)))
     ur10 = made(tmp_path, "ur10", "link_4")

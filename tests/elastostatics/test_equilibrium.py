@@ -197,5 +197,5 @@ def test_a_rigid_direction_has_no_stiffness(robot: Robot) -> None:
 def test_chunks_do_not_show(robot: Robot, model: Model, monkeypatch: pytest.MonkeyPatch) -> None:
     p = poses(robot, 50)
     whole = model.predict(p)
-    monkeypatch.setattr(sys.modules["qsframework.elastostatics.equilibrium"], "CHUNK", 7)
+    monkeypatch.setattr(sys.modules["qsframework.elastostatics.structure"], "CHUNK", 7)
     assert np.allclose(model.predict(p), whole, rtol=1e-9, atol=1e-16)

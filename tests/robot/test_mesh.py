@@ -97,12 +97,10 @@ def test_the_capsules_hold_a_hull_and_lie_in_it() -> None:
     draws = rng(4)
     for _ in range(20):
         hull = convex_hull(draws.normal(size=(40, 3)) * draws.uniform(0.05, 1.0, 3))
-        capsule = _capsule(Shape(0, np.eye(4), "hull", (), GREY, hull=hull))
-        middle, way = capsule.centre, capsule.axis
-        along = np.clip((hull.corners - middle) @ way, -capsule.outer[0], capsule.outer[0])
+        middle, way, outer, (half, radius) = _capsule(Shape(0, np.eye(4), "hull", (), GREY, hull=hull))
+        along = np.clip((hull.corners - middle) @ way, -outer[0], outer[0])
         aside = np.linalg.norm(hull.corners - middle - along[:, None] * way, axis=1)
-        assert aside.max() <= capsule.outer[1] + 1e-9
-        half, radius = capsule.inner
+        assert aside.max() <= outer[1] + 1e-9
         assert radius > 0.0
         for end in (-half, half):
             assert (hull.normals @ (middle + end * way) + radius <= hull.offsets + 1e-9).all()
