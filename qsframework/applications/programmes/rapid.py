@@ -280,7 +280,7 @@ def _declared(line: SourceStatement, names: Names, data: Mapping[str, _Data]) ->
         return
     name, own = line.tokens[kind + 1].text, line.after(kind + 1)
     if words[kind] in _DATA:
-        data[words[kind]].setdefault(name.lower(), _tool_or_frame(value))
+        data[words[kind]].setdefault(name.lower(), (_tool if words[kind] == "TOOLDATA" else _work_object)(value))
     elif words[kind + 2] == "{":
         for k, element in enumerate(split(enclosed(value, "[") or ()), start=1):
             names.give(own, f"{name}{{{k}}}", element)
@@ -288,18 +288,22 @@ def _declared(line: SourceStatement, names: Names, data: Mapping[str, _Data]) ->
         names.give(own, name, value)
 
 
-def _tool_or_frame(value: Sequence[Token]) -> tuple[Array | None, str]:
-    """The matrix of a tool `[robhold,[[x,y,z],[q1,...]],load]` or a work object `[robhold,ufprog,ufmec,uframe,oframe]`,
-    and why no motion with it is corrected."""
+def _tool(value: Sequence[Token]) -> tuple[Array | None, str]:
+    """The matrix of `[robhold,[[x,y,z],[q1,...]],load]`, and why no motion with it is corrected."""
     parts = split(enclosed(value, "[") or ())
-    flags = [shown(p).upper() for p in parts[:2]]
-    if len(parts) == 3:
-        return _frame(parts[1]), "" if flags[0] == "TRUE" else _REMOTE
+    if len(parts) != 3:
+        return None, ""
+    return _frame(parts[1]), "" if shown(parts[0]).upper() == "TRUE" else _REMOTE
+
+
+def _work_object(value: Sequence[Token]) -> tuple[Array | None, str]:
+    """The same of `[robhold,ufprog,ufmec,uframe,oframe]`."""
+    parts = split(enclosed(value, "[") or ())
     if len(parts) != 5:
         return None, ""
-    user, object_frame = _frame(parts[3]), _frame(parts[4])
-    place = None if user is None or object_frame is None else user @ object_frame
-    return place, "" if flags == ["FALSE", "TRUE"] else _HELD
+    user, place = _frame(parts[3]), _frame(parts[4])
+    fixed = [shown(p).upper() for p in parts[:2]] == ["FALSE", "TRUE"]
+    return None if user is None or place is None else user @ place, "" if fixed else _HELD
 
 
 def _frame(tokens: Sequence[Token]) -> Array | None:
