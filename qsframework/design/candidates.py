@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from contextlib import closing
 from dataclasses import dataclass, replace
 from itertools import product
@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from qsframework.design.constraints import (
-    Removal,
     broken_constraints,
     check_contact,
     check_poses,
@@ -23,7 +22,7 @@ from qsframework.design.symmetry import canonical, fold
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, read_poses
 from qsframework.information import information, information_rows
-from qsframework.plugin import Array, Poses
+from qsframework.plugin import Array, Indices, Poses
 from qsframework.work import HERE, Work, run
 
 _BLOCK = 4096
@@ -170,11 +169,12 @@ def folds(experiment: Experiment) -> bool:
     return bool(experiment.loads)
 
 
-def _checked(
-    shared: tuple[Experiment, Experiment, bool], points: Array
-) -> tuple[Array, dict[str, tuple[int, int, int]]]:
-    """The poses of a block that are allowed, and how many each constraint removed; contact is asked of those that
-    keep all else. shared: the experiment without what may touch, and with it; whether to fold"""
+def _checked(shared: tuple[Experiment, Experiment, bool], points: Array) -> tuple[int, Array, dict[str, Indices]]:
+    """How many poses a block has, those that are allowed, and how many each constraint removed: as in `Removal`.
+
+    Contact is asked of those that keep all else. shared: the experiment without what may touch, and with it; whether
+    to fold
+    """
     bare, experiment, folded = shared
     pendant = canonical(experiment, points) if folded else points
     allowed = check_poses(bare, bare.model(), pendant)
@@ -183,8 +183,8 @@ def _checked(
     for name, clear in check_contact(experiment, pendant[asked]).items():
         allowed[name] = np.ones(len(pendant), dtype=bool)
         allowed[name][asked] = clear | ~rest[asked]
-    removed = {name: (r.in_order, r.alone, r.only) for name, r in count_removed(allowed).items()}
-    return pendant[np.logical_and.reduce(list(allowed.values()))], removed
+    removed = {name: np.array(counts) for name, counts in count_removed(allowed).items()}
+    return len(points), pendant[np.logical_and.reduce(list(allowed.values()))], removed
 
 
 def _collect(
@@ -196,31 +196,17 @@ def _collect(
     work: Work = HERE,
 ) -> Candidates:
     kept: list[Array] = [np.zeros((0, experiment.robot.controller.axes))]
-    total: dict[str, Removal] = {}
-    tried = found = 0
-    sizes: list[int] = []
-
-    def told() -> Iterator[Array]:
-        for points in blocks:
-            sizes.append(len(points))
-            yield points
-
+    total: dict[str, Indices] = {}
+    tried = allowed = 0
     bare = experiment.with_(constraints=replace(experiment.constraints, collision=False, obstacles=()))
-    with closing(run(_checked, (bare, experiment, folded), told(), work)) as results:
-        for i, (good, removed) in enumerate(results):
-            for name, r in removed.items():
-                b = total.get(name, Removal(0, 0, 0))
-                total[name] = Removal(b.in_order + r[0], b.alone + r[1], b.only + r[2])
-            kept.append(good)
-            tried, found = tried + sizes[i], found + len(good)
+    with closing(run(_checked, (bare, experiment, folded), blocks, work)) as results:
+        for asked, part, removed in results:
+            total |= {name: total.get(name, 0) + counts for name, counts in removed.items()}
+            kept.append(part)
+            tried, allowed = tried + asked, allowed + len(part)
             if progress is not None:
-                progress(min(found, count), count)
-            if found >= count:
+                progress(min(allowed, count), count)
+            if allowed >= count:
                 break
-    return Candidates(
-        np.concatenate(kept)[:count],
-        tried,
-        {n: r.in_order for n, r in total.items()},
-        {n: r.alone for n, r in total.items()},
-        {n: r.only for n, r in total.items()},
-    )
+    in_order, alone, only = ({name: int(counts[k]) for name, counts in total.items()} for k in range(3))
+    return Candidates(np.concatenate(kept)[:count], tried, in_order, alone, only)

@@ -59,7 +59,7 @@ def _cap(problem: DesignProblem, options: DesignOptions) -> float:
     return np.inf if options.repeats or options.budget is not None else 1.0 / problem.total
 
 
-def _priced(problem: DesignProblem, options: DesignOptions) -> CandidateRows:
+def _priced(problem: DesignProblem) -> CandidateRows:
     """Rows per unit of cost where there is a budget, else as they are."""
     if not problem.priced:
         return problem.rows
@@ -116,7 +116,7 @@ def _solve(
         if problem.priced:
             raise InputError("a budget with costs needs the solver columns")
         return _by_cvxpy(problem, rule, allowed, prior)
-    task = make_task(_priced(problem, options), rule, allowed, prior if prior.any() else None)
+    task = make_task(_priced(problem), rule, allowed, prior if prior.any() else None)
     rng = np.random.default_rng(seed)
     try:
         return solve_columns(task, rng, max(_AIM, options.efficiency), tell)

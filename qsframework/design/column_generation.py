@@ -171,8 +171,7 @@ def _sample(task: RelaxedTask, rng: np.random.Generator, count: int) -> Indices:
         return np.arange(count)
     wanted = min(max(_FIRST, count // _SUBSET), _LARGEST * task.rows.parameters)
     parts: list[Indices] = []
-    for g in range(len(task.allowed.shares)):
-        members = task.allowed.groups[g]
+    for members in task.allowed.groups:
         size = len(range(*members.indices(count))) if isinstance(members, slice) else len(members)
         take = min(size, max(64, wanted * size // count))
         picks = rng.choice(size, take, replace=False)

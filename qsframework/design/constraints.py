@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -68,10 +68,7 @@ def allowed_range(experiment: Experiment) -> tuple[Array, Array]:
 
 def check_poses(experiment: Experiment, model: Model, pendant: Array) -> dict[str, Flags]:
     """For each constraint of the experiment, which poses (N,) keep it."""
-    robot = experiment.robot
-    q = robot.controller.to_joints(pendant)
-    poses = Poses(pendant, q, np.zeros((len(q), 6)))
-    tolerance = robot.controller.tolerance
+    poses, tolerance = _without_load(experiment, pendant), experiment.robot.controller.tolerance
 
     def within(ends: tuple[Array, Array]) -> Flags:
         return np.all((pendant >= ends[0] - tolerance) & (pendant <= ends[1] + tolerance), axis=1)
@@ -81,7 +78,7 @@ def check_poses(experiment: Experiment, model: Model, pendant: Array) -> dict[st
         "joint_margin": within(joint_range(experiment)),
         "transmission angle": model.transmission_margin(poses) >= 0.0,
     }
-    allowed |= _check_places(experiment, q, _check_placed)
+    allowed |= _check_places(experiment, poses.q, _check_placed)
     return allowed | _check_torques(experiment, model, poses)
 
 
@@ -96,14 +93,16 @@ def check_way(experiment: Experiment, model: Model, pendant: Array) -> dict[str,
     Between poses nothing is read and nothing hung: torques, sight and margins are of the poses alone, and the limits
     are the controller's.
     """
-    robot = experiment.robot
-    q = robot.controller.to_joints(pendant)
-    poses = Poses(pendant, q, np.zeros((len(q), 6)))
+    poses = _without_load(experiment, pendant)
     allowed: dict[str, Flags] = {
-        "joint limits": ~np.any(robot.controller.outside(pendant), axis=1),
+        "joint limits": ~np.any(experiment.robot.controller.outside(pendant), axis=1),
         "transmission angle": model.transmission_margin(poses) >= 0.0,
     }
-    return allowed | _check_places(experiment, q, _check_clear)
+    return allowed | _check_places(experiment, poses.q, _check_clear)
+
+
+def _without_load(experiment: Experiment, pendant: Array) -> Poses:
+    return Poses(pendant, experiment.robot.controller.to_joints(pendant), np.zeros((len(pendant), 6)))
 
 
 def touching(experiment: Experiment, pendant: Array) -> dict[str, tuple[str, ...]]:
@@ -121,8 +120,7 @@ def broken_constraints(experiment: Experiment, plan: Plan) -> dict[str, tuple[st
     return {constraint: poses for constraint, poses in names.items() if poses}
 
 
-@dataclass(frozen=True)
-class Removal:
+class Removal(NamedTuple):
     """Of the poses tried: how many a constraint removed after those before it, by itself, and as the only one."""
 
     in_order: int
@@ -149,9 +147,8 @@ def count_removed(allowed: Mapping[str, Flags]) -> dict[str, Removal]:
 def reference_point(experiment: Experiment, model: Model, q: Array) -> Array:
     """Base-frame position (N, 3) of the point that the workspace constraints speak of."""
     site = _site(experiment)
-    return np.concatenate(
-        [f.point(site.link, site.xyz).T for _, f in _blocks(experiment.robot, q)] or [np.zeros((0, 3))]
-    )
+    points = [placed.point(site.link, site.xyz).T for placed in _blocks(experiment.robot, q)]
+    return np.concatenate([np.zeros((0, 3)), *points])
 
 
 def singularity_margin(robot: Robot, placed: Frames) -> Array:
@@ -206,17 +203,15 @@ def _site(experiment: Experiment) -> Site:
     return Site(frame.link, frame.placement[:3, 3])
 
 
-def _blocks(robot: Robot, q: Array) -> Iterator[tuple[slice, Frames]]:
-    for start in range(0, len(q), _BLOCK):
-        part = slice(start, min(start + _BLOCK, len(q)))
-        yield part, joint_frames(robot.facts, q[part])
+def _blocks(robot: Robot, q: Array) -> Iterator[Frames]:
+    return (joint_frames(robot.facts, q[start : start + _BLOCK]) for start in range(0, len(q), _BLOCK))
 
 
 def _check_places(
     experiment: Experiment, q: Array, check: Callable[[Experiment, Frames], dict[str, Flags]]
 ) -> dict[str, Flags]:
     """The constraints that only ask where the arm stands."""
-    parts = [check(experiment, placed) for _, placed in _blocks(experiment.robot, q)]
+    parts = [check(experiment, placed) for placed in _blocks(experiment.robot, q)]
     return {name: np.concatenate([part[name] for part in parts]) for name in (parts[0] if parts else {})}
 
 

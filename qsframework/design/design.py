@@ -166,26 +166,18 @@ def choices(problem: DesignProblem, options: DesignOptions) -> list[DesignProble
     problem as it is where nothing costs by itself. InputError where the budget pays for none."""
     loads = [g for g, load in enumerate(problem.loads) if load.change and options.budget is not None]
     stations = problem.stations
-    each = (
-        [()]
-        if not any(problem.reading.stations[s].cost for s in stations) or options.budget is None
-        else _some(stations)
-    )
-    if not loads and each == [()]:
+    paid = options.budget is not None and any(problem.reading.stations[s].cost for s in stations)
+    if not loads and not paid:
         return [problem]
     out: list[DesignProblem] = []
-    for used, left in product(each, _subsets(loads)):
-        kept = used or stations
+    for kept, left in product(_subsets(stations)[1:] if paid else [stations], _subsets(loads)):
         fixed = sum(problem.reading.stations[s].cost for s in kept)
         fixed += sum(problem.loads[g].change for g in loads if g not in left)
         total = problem.total - fixed
         counts = tuple(0 if g in left else c for g, c in enumerate(problem.counts))
-        need = float(problem.prices @ [m for m in problem.least])
-        if total < max(need, float(problem.prices.min())) or any(problem.least[g] for g in left):
-            continue
-        if all(c == 0 for c in counts):
-            continue
-        out.append(replace(problem.of_stations(kept), total=total, counts=counts))
+        enough = total >= max(float(problem.prices @ problem.least), float(problem.prices.min()))
+        if enough and not any(problem.least[g] for g in left) and any(c != 0 for c in counts):
+            out.append(replace(problem.of_stations(kept), total=total, counts=counts))
     if not out:
         raise InputError(f"a budget of {problem.total:g} does not pay for one station and one load with its poses")
     return [own for own in out if _has_rank(own)] or out
@@ -201,10 +193,6 @@ def _has_rank(problem: DesignProblem) -> bool:
 
 def _subsets(of: Sequence[int]) -> list[tuple[int, ...]]:
     return [some for k in range(len(of) + 1) for some in combinations(of, k)]
-
-
-def _some(of: Sequence[int]) -> list[tuple[int, ...]]:
-    return [some for some in _subsets(of) if some]
 
 
 def _prior(
@@ -284,11 +272,8 @@ def _shortlist(problem: DesignProblem, relaxed: Relaxed) -> Indices:
     """The candidates that score best at the relaxed design, some of every load, and those that carry weight."""
     each = max(_SHORTLIST // len(problem.loads), 50)
     parts = [relaxed.index]
-    for g in range(len(problem.loads)):
-        own = problem.indices(g)
-        values = relaxed.scores[own]
-        top = np.argpartition(-values, each - 1)[:each] if each < len(own) else np.arange(len(own))
-        parts.append(own[top])
+    for own in map(problem.indices, range(len(problem.loads))):
+        parts.append(own[np.argpartition(-relaxed.scores[own], each - 1)[:each]] if each < len(own) else own)
     return np.unique(np.concatenate(parts))
 
 

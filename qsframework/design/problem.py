@@ -198,13 +198,9 @@ def make_problem(
         prior=np.zeros((len(reading.samples), reading.width, reading.width)),
         stations=tuple(range(len(reading.stations))),
     )
-    draft = _identifiable(draft, prior or (lambda of: _none(reading, of)))
+    draft = _identifiable(draft, prior or (lambda of: np.zeros((len(reading.samples), len(of), len(of)))))
     draft = replace(draft, linear=_first_step_ranks_alike(draft))
     return replace(draft, rows=_rows(draft, progress, work))
-
-
-def _none(reading: CandidateReading, names: Sequence[str]) -> Array:
-    return np.zeros((len(reading.samples), len(names), len(names)))
 
 
 def _with_prior(problem: DesignProblem, prior: Prior) -> DesignProblem:
@@ -281,7 +277,8 @@ def _identifiable(problem: DesignProblem, prior: Prior) -> DesignProblem:
     before = np.pad(root(prior(names)[0]).T, ((0, 0), (columns.shape[1] - p, 0)))
     labels = [f"frame[{s.name}].{a}".replace("[]", "") for s in _unknown(problem) for a in AXES]
     limits = np.concatenate([np.full(len(labels), np.inf), limits_of(experiment.model(), names)])
-    taken, held = choose(np.concatenate([columns, before]), [*labels, *names], limits)
+    every = [*labels, *names]
+    taken, held = choose(np.concatenate([columns, before]), every, limits)
     held = tuple(h for h in held if h.name in names)
     by_name = [h for h in held if h.name in (experiment.fit or ())]
     if by_name or len(held) == len(names):
@@ -290,7 +287,7 @@ def _identifiable(problem: DesignProblem, prior: Prior) -> DesignProblem:
             f"{', '.join(h.name for h in by_name or held[:6])}: "
             f"{'; '.join(h.words() for h in (by_name or held)[:6])}. {_what_to_change(problem, by_name or held)}"
         )
-    kept = [labels_names for i in taken if (labels_names := [*labels, *names][i]) in names]
+    kept = {every[i] for i in taken}
     reading = replace(problem.reading, names=tuple(n for n in problem.names if n in kept))
     return _with_prior(replace(problem, reading=reading, held=held), prior)
 
@@ -400,13 +397,12 @@ def tip_rows(
         poses = Poses(pendant, experiment.robot.controller.to_joints(pendant), wrench)
     model = experiment.model()
     size = scales([model.parameters[i] for i in model.index(names)])
+    point = site or experiment.load_site
     if not experiment.plans_positions:
-        point = site or experiment.load_site
         tip = replace(model, tip=point, markers=(point,), marker_names=("load point",))
         return tip.sensitivity(poses, names=names)[:, 0] * size
-    point, x = site or experiment.load_site, start_values(experiment, names)
-    both = (*model.markers, point), (*model.marker_names, "load point")
-    tip = replace(model, tip=point, markers=both[0], marker_names=both[1])
+    x, marker_names = start_values(experiment, names), (*model.marker_names, "load point")
+    tip = replace(model, tip=point, markers=(*model.markers, point), marker_names=marker_names)
     sensors = kinds_of(model, Sensor)  # of markers and the instrument, which move no tip
     size = size * [name not in sensors for name in names]
     return tip.position_sensitivity(poses, x, names=names, loaded=True)[:, -1] * size

@@ -43,14 +43,9 @@ class CandidateReading:
     slots: tuple[int | None, ...]
 
     @property
-    def frames(self) -> int:
-        """How many frames nobody knows."""
-        return len({slot for slot in self.slots if slot is not None})
-
-    @property
     def width(self) -> int:
         """Columns of the rows: the parameters, and six of each unknown frame."""
-        return len(self.names) + 6 * self.frames
+        return len(self.names) + 6 * len({*self.slots} - {None})
 
     @property
     def plain(self) -> bool:
@@ -184,9 +179,6 @@ class StationRows(CandidateRows):
     def shape(self) -> tuple[int, int, int, int]:  # pyright: ignore[reportIncompatibleVariableOverride]
         _, S, rows, _ = self.source.shape
         return len(self.used) * len(self.source), S, rows, self.reading.width
-
-    def read(self, start: int, stop: int) -> Array:
-        return self.take(np.arange(start, stop))
 
     def take(self, index: Indices) -> Array:
         index = np.asarray(index)

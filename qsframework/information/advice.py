@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from qsframework.elastostatics import Model
@@ -12,7 +14,6 @@ from qsframework.plugin import (
     Actuator,
     Array,
     Context,
-    Effect,
     Geometry,
     Load,
     ParallelSpring,
@@ -35,9 +36,10 @@ _FACES = (laws.torque, laws.stiffness)
 
 def what_would_help(model: Model, name: str, poses: Poses) -> str:
     """One sentence on what to measure so that a parameter is told; poses are those of the readings."""
-    effect = _effect_of(model, name)
-    if isinstance(effect, Spring) and model.index([name])[0] in model.compliance_rows:
-        return _spring(model, effect, name, poses)
+    (position,) = model.index([name])
+    effect = next(e for e, s in zip(model.effects, model.slices, strict=True) if s.start <= position < s.stop)
+    if isinstance(effect, Spring) and position in model.compliance_rows:
+        return _spring(model, effect, model.compliance_rows.index(position), poses)
     if isinstance(effect, ParallelSpring):
         return _balancer(model, effect, name, poses)
     if isinstance(effect, Geometry):
@@ -56,8 +58,8 @@ def loss_words(model: Model, test: RankTest, poses: Poses) -> str:
     return "; ".join([test.words(), *(f"{name}: {what_would_help(model, name, poses)}" for name in known)])
 
 
-def _spring(model: Model, effect: Spring, name: str, poses: Poses) -> str:
-    coordinate, who = _coordinate(model, name), _who(effect, model)
+def _spring(model: Model, effect: Spring, coordinate: int, poses: Poses) -> str:
+    who = _who(effect, model)
     reach = np.abs(unit_torques(model, poses)[:, coordinate, :])
     share = load_share(model, poses, coordinate)
     if share is None and _always(model, poses, coordinate):
@@ -74,11 +76,6 @@ def _spring(model: Model, effect: Spring, name: str, poses: Poses) -> str:
         f"the readings load {who} with at most {100 * share:.0f} % of what their {what} could; repeat them, raise the "
         f"load, or add {pull} where its lever about {who} is longest"
     )
-
-
-def _effect_of(model: Model, name: str) -> Effect:
-    (position,) = model.index([name])
-    return next(e for e, s in zip(model.effects, model.slices, strict=True) if s.start <= position < s.stop)
 
 
 def _pull_words(axis: int) -> str:
@@ -139,11 +136,6 @@ def _who(effect: Spring, model: Model) -> str:
     return effect.name
 
 
-def _coordinate(model: Model, name: str) -> int:
-    (position,) = model.index([name])
-    return model.compliance_rows.index(position)
-
-
 def spring_torques(model: Model, poses: Poses) -> Array:
     """Torque (N, ne) that the loads of the readings put on each elastic coordinate, N m."""
     parts = [evaluate_stages(model, chunk, model.nominal, preload=False).tau.T for _, chunk in chunks(poses)]
@@ -180,10 +172,5 @@ def _always(model: Model, poses: Poses, coordinate: int) -> bool:
 
 def unit_torques(model: Model, poses: Poses) -> Array:
     """Torque (N, ne, 6) per newton along the base's x, y and z at the load point, m, and per N m about them."""
-    out: list[Array] = []
-    for axis in range(6):
-        wrench = np.zeros((len(poses), 6))
-        wrench[:, axis] = 1.0
-        pushed = Poses(poses.pendant, poses.q, wrench, poses.unloaded, poses.loaded)
-        out.append(spring_torques(model, pushed))
-    return np.stack(out, axis=-1)
+    pushed = (replace(poses, wrench=np.tile(unit, (len(poses), 1))) for unit in np.eye(6))
+    return np.stack([spring_torques(model, one) for one in pushed], axis=-1)

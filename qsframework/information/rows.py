@@ -38,9 +38,9 @@ class CandidateRows(ABC):
     def parameters(self) -> int:
         return self.shape[3]
 
-    @abstractmethod
     def read(self, start: int, stop: int) -> Array:
         """Rows (stop - start, S, k, p); the array is the reader's until the next call."""
+        return self.take(np.arange(start, stop))
 
     @abstractmethod
     def take(self, index: Indices) -> Array:
@@ -77,9 +77,6 @@ class MadeRows(CandidateRows):
 
     make: Callable[[Indices], Array]
     shape: tuple[int, int, int, int]
-
-    def read(self, start: int, stop: int) -> Array:
-        return self.make(np.arange(start, stop))
 
     def take(self, index: Indices) -> Array:
         return self.make(np.asarray(index))
@@ -146,14 +143,10 @@ def scores(
 
     def share(start: int, stop: int) -> None:
         for first, last in source.chunks(start, stop):
-            out[first:last] = block_scores(source.read(first, last), roots)
+            block = source.read(first, last) if index is None else source.take(index[first:last])
+            out[first:last] = block_scores(block, roots)
 
-    def chosen(start: int, stop: int) -> None:
-        assert index is not None
-        for first, last in source.chunks(start, stop):
-            out[first:last] = block_scores(source.take(index[first:last]), roots)
-
-    run_shared(share if index is None else chosen, len(out), threads)
+    run_shared(share, len(out), threads)
     return out
 
 

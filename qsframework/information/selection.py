@@ -32,19 +32,12 @@ def identifiable_names(
     error = float(np.sqrt((white**2).sum() / max(len(white) - seen.motions, 1)))
     unit = max(error, o.least)  # readings that are exactly the nominal arm have no error at all
     rows = o.noise.whiten(J) * (scale / unit)
-    group = {n: g for g in options.tied for n in g}
     names = [p.name for p in o.parameters]
-    if options.priors:
-        known = [i for i, p in enumerate(o.parameters) if p.sd is not None]
-        stated = np.zeros((len(known), len(names)))
-        stated[np.arange(len(known)), known] = [scale[i] / (o.parameters[i].sd or 1.0) for i in known]
-        rows = np.vstack([rows, stated])
-    pulled = [i for i, p in enumerate(o.parameters) if p.pull is not None]
-    if pulled:
-        own = np.zeros((len(pulled), len(names)))
-        own[np.arange(len(pulled)), pulled] = [scale[i] / (o.parameters[i].pull or 1.0) for i in pulled]
-        rows = np.vstack([rows, own])
-    if group:
+    for sds in ([p.sd if options.priors else None for p in o.parameters], [p.pull for p in o.parameters]):
+        pulls = {i: scale[i] / (sd or 1.0) for i, sd in enumerate(sds) if sd is not None}
+        if pulls:
+            rows = np.vstack([rows, np.eye(len(names))[[*pulls]] * np.array([*pulls.values()])[:, None]])
+    if any(options.tied):
         rows, names = _tied_columns(rows, names, o, scale, options)
     limits = np.concatenate([np.full(seen.motions, np.inf), limits_of(seen.model, names[seen.motions :])])
     if weakly or options.priors or np.all(seen.rows.minus >= 0):  # differences that tell little still tell it honestly

@@ -101,12 +101,9 @@ def sd_of_taken(model: Model, columns: Array, names: Sequence[str]) -> Array:
 
 def predicted_beyond(experiment: Experiment, plan: Plan) -> dict[str, float]:
     """For each parameter of the model that is not fitted: the sd, SI, were it fitted too; inf if it cannot be told."""
-    fitted, model = experiment.fit_names(), experiment.model()
-    out: dict[str, float] = {}
-    for parameter in model.parameters:
-        if parameter.name not in fitted:
-            out[parameter.name] = float(predicted_sd(experiment, plan, (*fitted, parameter.name))[-1])
-    return out
+    fitted = experiment.fit_names()
+    others = [name for name in experiment.model().names if name not in fitted]
+    return {name: float(predicted_sd(experiment, plan, (*fitted, name))[-1]) for name in others}
 
 
 def predicted_sd(experiment: Experiment, plan: Plan, names: Sequence[str] | None = None) -> Array:
