@@ -16,17 +16,23 @@ from qsframework.files.formats import FORMAT
 if TYPE_CHECKING:
     from qsframework.experiment import Experiment, Plan
     from qsframework.experiment.account import Account
+    from qsframework.robot import Robot
 
 
 def load_campaign(path: Path) -> Experiment:
     """The experiment of a command, with a line on its robot where that is not the shipped one of its name."""
     from qsframework.experiment import load_experiment
-    from qsframework.robot.search import shadows
 
     experiment = load_experiment(path)
-    if words := shadows(experiment.robot.folder):
-        print_folded(f"note: {words}")
+    note_folders(experiment.robot)
     return experiment
+
+
+def note_folders(*robots: Robot) -> None:
+    """A line on each robot whose folder is read in place of the shipped one of its name."""
+    from qsframework.robot.search import shadows
+
+    print_folded(*(f"note: {words}" for robot in robots if (words := shadows(robot.folder))))
 
 
 def load_plan(path: Path, experiment: Experiment) -> Plan:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from qsframework.applications.compare import compare
 from qsframework.applications.task import load_task
-from qsframework.cli.commands import distinct_outputs, write_json
+from qsframework.cli.commands import distinct_outputs, note_folders, write_json
 from qsframework.cli.pairs import pairs
 from qsframework.cli.printing import print_folded, print_table, print_verdict
 from qsframework.cli.progress import progress
@@ -36,7 +36,9 @@ def run_compare(
     fit_files = pairs("--fit", fits, "ROBOT=fit.json")
     distinct_outputs([json, report], [task_file, *map(Path, fit_files.values())])
     task = load_task(task_file)
-    robots, notes = identified([as_robot(name, task_file.parent) for name in names], fit_files, anyway)
+    arms = [as_robot(name, task_file.parent) for name in names]
+    note_folders(*arms)
+    robots, notes = identified(arms, fit_files, anyway)
     with progress() as tell:
         result = compare(robots, task, seed, tell, notes, work)
     table = summary_table(result)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from qsframework.applications import stiffness_at
-from qsframework.cli.commands import distinct_outputs, write_json
+from qsframework.cli.commands import distinct_outputs, note_folders, write_json
 from qsframework.cli.numbers import numbers, point_of, wrench_of
 from qsframework.cli.printing import print_folded, print_notes, print_table
 from qsframework.report.blocks import ReportTable, SceneView, Section, Text
@@ -17,6 +17,7 @@ def run_stiffness(robot: str, pose: str, load: str, point: str, json: Path | Non
     """Compute, print, write."""
     distinct_outputs([json, report], [])
     arm = load_robot(robot)
+    note_folders(arm)
     result = stiffness_at(
         arm,
         arm.controller.units.si(numbers("--pose", pose, (arm.controller.axes,))),
