@@ -24,7 +24,7 @@ import numpy as np
 from qsframework.design import generate_candidates
 from qsframework.elastostatics import Model, make_model
 from qsframework.elastostatics.equilibrium import settle
-from qsframework.elastostatics.sensors import said
+from qsframework.elastostatics.sensors import sense
 from qsframework.errors import InputError, NotConverged
 from qsframework.experiment import Experiment, load_experiment, write_readings
 from qsframework.experiment.simulate import displaced
@@ -225,9 +225,9 @@ def exact(model: Model, poses: Poses, x: Array, unloaded: Model | None = None) -
     """Displacements (N, K, 3) m: both equilibria, each read by the instrument. unloaded: a model of its own."""
     first = settle(unloaded or model, poses, x, False)
     second = settle(model, poses, x, True)
-    sensors = model.of_kind(Sensor, x)
-    ends, starts = (said(sensors, s.at.state, model.marker_names) for s in (second, first))
-    return ends - starts
+    states, sensors = [s.at.state for s in (second, first)], model.of_kind(Sensor, x)
+    ends, starts = (sense(sensors, s, None, model.marker_names, s.motion.context).position for s in states)
+    return (ends - starts).transpose(2, 0, 1)
 
 
 def extended(model: Model, instances: Sequence[Instance]) -> Model:

@@ -92,7 +92,8 @@ def design(
     options = options or DesignOptions(criterion=criterion)
     if poses < 1 and options.budget is None:
         raise InputError(f"poses must be 1 or more, found {poses}")
-    if test_poses is not None and not (np.any(test_poses.wrench) or experiment.plans_positions):
+    loaded = test_poses is None or np.any(test_poses.wrench) or experiment.plans_positions
+    if not loaded and tip is None:  # a task has points of its own tip, which may bear no load
         raise InputError(replace(nothing_bends(), argument=("test-poses", "PLAN")))
     tell: Progress = progress or (lambda step, done, total: None)
     if isinstance(candidates, int):

@@ -252,7 +252,7 @@ def test_identify_in_one_step_with_all_its_files(tmp_path, capsys) -> None:  # t
     from qsframework.experiment import example
     from qsframework.identify import read_fit
 
-    names = {"json": "fit.json", "report": "r.html", "nominal": "nominal.yaml", "urdf": "robot.urdf"}
+    names = {"json": "fit.json", "report": "r.html", "nominal": "nominal.yaml"}
     out = {key: tmp_path / name for key, name in names.items()}
     files = FitFiles(experiment=example("r2000ic") / "experiment.yaml", **out)
     run_identify(files, None, FitOptions(loss="huber", fixed=("joint_compliance[joint_1]",), bounds=True), clean=False)
@@ -260,7 +260,6 @@ def test_identify_in_one_step_with_all_its_files(tmp_path, capsys) -> None:  # t
     assert "(fixed)" in said
     assert "Loss huber" in said
     assert "nominal values:" in said
-    assert "URDF, in which nothing is corrected (no joint origin was identified):" in said
     assert all(path.exists() for path in out.values())
     assert read_fit(out["json"]).method == "one-step"
     page = out["report"].read_text()
