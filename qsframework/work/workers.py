@@ -33,6 +33,8 @@ _IDLE = 60
 """s after which a process that has nothing to do ends."""
 _AGAIN = 3
 """Processes that a task may lose."""
+_SAFE = {"PYTHONSAFEPATH": "1"}
+"""Environment of what is started here: `python -m` and `-c` would import what lies in the current folder."""
 
 
 class Processes(AbstractContextManager["Processes"]):
@@ -41,7 +43,6 @@ class Processes(AbstractContextManager["Processes"]):
     def __init__(self, jobs: int):
         from joblib import cpu_count
 
-        os.environ["PYTHONSAFEPATH"] = "1"  # `python -m` and `-c` would import what lies in the current folder
         self.count = jobs or cpu_count()
         self._given: list[Future[bytes]] = []
 
@@ -75,9 +76,18 @@ class Processes(AbstractContextManager["Processes"]):
 
     def _pool(self) -> Any:
         """Those that wait, or new ones."""
-        from joblib.externals.loky import get_reusable_executor
+        from multiprocessing import resource_tracker as python
+        from unittest.mock import patch
 
-        return get_reusable_executor(self.count, timeout=_IDLE, initializer=_end_with, initargs=(os.getpid(),))
+        from joblib.externals.loky import get_reusable_executor
+        from joblib.externals.loky.backend import resource_tracker as loky
+
+        with patch.dict(os.environ, _SAFE):
+            for tracker in (python, loky):  # they clear up after the workers, and are started once
+                tracker.ensure_running()
+        return get_reusable_executor(
+            self.count, timeout=_IDLE, env=_SAFE, initializer=_end_with, initargs=(os.getpid(),)
+        )
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         """After an error no further task is begun; after an interruption nobody waits for those that were."""

@@ -177,7 +177,7 @@ def test_p_values_of_the_audit_of_the_noise() -> None:
     basis, sigma, each = orthonormal(library.reshape(3 * rows, -1)), np.full(rows, 3e-5), np.arange(rows)
     found: list[NoiseAudit] = []
     for white in left(basis, rng.normal(size=(3 * rows, 300))).T:
-        size = estimate(LinearFit.onto(basis, white.reshape(rows, 3)), sigma, LABEL, "residuals", 0.01)
+        size = estimate(LinearFit.onto(basis, white.reshape(rows, 3)), sigma, LABEL, "residuals")
         found.append(
             audit_noise(
                 white.reshape(rows, 3),

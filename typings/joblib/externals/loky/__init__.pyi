@@ -10,4 +10,5 @@ def get_reusable_executor(
     timeout: float | None = ...,
     initializer: Callable[..., object] | None = ...,
     initargs: tuple[Any, ...] = ...,
+    env: dict[str, str] | None = ...,
 ) -> _Reusable: ...
