@@ -29,6 +29,7 @@ from qsframework.estimation import Interval
 from qsframework.experiment import Frame, example, load_experiment, plan, read_readings, readings_table, spec as e
 from qsframework.experiment.account import Account
 from qsframework.experiment.columns import Column
+from qsframework.experiment.finding import Finding
 from qsframework.files import FileModel, FileRecord, Unit, fields, measured
 from qsframework.files.formats import FORMAT
 from qsframework.identify import Estimate, FitRecord, Held, Masked
@@ -65,6 +66,7 @@ MODELS: dict[str, type[FileModel | FileRecord]] = {
     "fit.json": FitRecord,
     "fit.json, estimates": Estimate,
     "fit.json, account": Account,
+    "fit.json, account, findings": Finding,
     "fit.json, frames": Frame,
     "fit.json, not_estimated": NotEstimated,
     "fit.json, held": Held,

@@ -218,16 +218,16 @@ def overview(folder: Path, images: Path) -> None:
         rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
     bars = '<path d="M0 0V340H340" fill="none" stroke="#333"/>'
     for k, row in enumerate(rows):
-        before, after = (float(row[name]) for name in ("uncorrected_mm", "expected_error_mm"))
-        for at, mm, colour in ((0, before, "#b4502c"), (45, after, "#0a6c74")):
-            left, top = 20 + 110 * k + at, 340 - 95 * mm
-            bars += f'<path d="M{left} 340V{top:.1f}h40V340z" fill="{colour}"/><text x="{left + 20}" y="{top - 5:.1f}">'
-            bars += f"{mm:.3g}</text>"
+        sizes = (float(row[name]) for name in ("uncorrected_mm", "by_load_mm", "expected_error_mm"))
+        for at, mm, colour in zip((0, 34, 68), sizes, ("#b4502c", "#d9a441", "#0a6c74"), strict=True):
+            left, top = 12 + 112 * k + at, 340 - 95 * mm
+            bars += f'<path d="M{left} 340V{top:.1f}h30V340z" fill="{colour}"/><text x="{left + 15}" y="{top - 5:.1f}">'
+            bars += f"{mm:.2g}</text>"
         bars += f'<text x="{60 + 110 * k}" y="357">{row["target"]}</text>'
     corrected = PANEL.format(
         title="3. Use: targets before and after (simulated)",
         drawn=bars,
-        below="predicted for M-900iB/700, 4 kN",
+        below="M-900iB/700, 4 kN: uncorrected; the part by the load; corrected",
         left="mm",
     )
     page = folder / "overview.html"

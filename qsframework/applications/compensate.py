@@ -9,11 +9,12 @@ dt = S dx with S = d tip / d x at the corrected angles, so its covariance is S c
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from qsframework.applications.inverse import (
     TipPose,
@@ -33,12 +34,14 @@ from qsframework.elastostatics.so3 import cross_matrix
 from qsframework.errors import InputError, NotConverged, Problem, refuse, some_of
 from qsframework.experiment import Experiment, Frame
 from qsframework.experiment.account import Account
+from qsframework.experiment.frames import procrustes
 from qsframework.files import as_file
 from qsframework.identify import FitRecord
 from qsframework.identify.soundness import check_fit
 from qsframework.option import check_choice
 from qsframework.plugin import Array, Indices, Load, Poses
 from qsframework.plugin.facts import frozen
+from qsframework.robot.agreement import spread_poses
 from qsframework.units import JointUnits
 from qsframework.viewed import Viewed
 
@@ -48,6 +51,8 @@ _LARGEST_CORRECTION = np.deg2rad(10.0)
 _SHARE = 1e-3
 _STEP = 1e-2
 _BLOCK = 64
+_BEYOND = 1.2
+"""Times the largest measured load from which a target is said to lie beyond it."""
 _SEEN = 1e-6
 """m by which a natural size of what was held must move the tip to be worth a word."""
 _NOTHING = 1e-12
@@ -62,10 +67,14 @@ class Compensation(Viewed):
     pendant (N, n) rad, m: the corrected angles and travels, units theirs
     command: the pose that a controller with Cartesian targets is to be told
     deflection (N, 6): from the wanted pose to where the arm would stand uncorrected, m and rad
-    left (N, 6): the same after the correction, by the same parameters: what the solver left
+    own (N, 6): the part of it that the arm's own weight, its balancers and its geometry make without the wrench
+    uncorrected (N,): distance m from the wanted place without a correction, at the level of the held-out error: in the
+    base frame, or, where the instrument's frame was estimated, after the motion that suits the whole workspace best
+    left (N, 6): as `deflection` after the correction, by the same parameters; kept (N,): targets that keep their
+    commanded pose, because their error would not become smaller
     covariance (N, 6, 6): of the tip's error after the correction, in the frame that was measured in: from the fit's
-    covariance and the uncertainties that were stated of the campaign's load and of what was held at nominal values;
-    noise_covariance: of the readings' noise alone
+    covariance, what held-out poses are off beyond the noise, and the uncertainties that were stated of the campaign's
+    load and of what was held at nominal values; noise_covariance: of the readings' noise alone
     base_sd (N,): as `sd`, in the base frame, where the instrument's frame was estimated; None where it was not, or
     where nobody states how well what that frame absorbs is known
     account: that of the fit
@@ -76,7 +85,10 @@ class Compensation(Viewed):
     pendant: Array
     command: TipPose
     deflection: Array
+    own: Array
+    uncorrected: Array
     left: Array
+    kept: npt.NDArray[np.bool_]
     covariance: Array
     noise_covariance: Array
     base_sd: Array | None = None
@@ -85,14 +97,19 @@ class Compensation(Viewed):
     account: Account
 
     @property
-    def size(self) -> Array:
-        """Distance (N,) m from the wanted place without a correction."""
-        return np.asarray(np.linalg.norm(self.deflection[:, :3], axis=1))
+    def of_load(self) -> Array:
+        """Distance (N,) m by which the wrench alone moves the tip."""
+        return np.asarray(np.linalg.norm((self.deflection - self.own)[:, :3], axis=1))
+
+    @property
+    def of_own(self) -> Array:
+        """Distance (N,) m by which own weight, balancers and geometry alone move the tip."""
+        return np.asarray(np.linalg.norm(self.own[:, :3], axis=1))
 
     @property
     def sd(self) -> Array:
         """Root of the mean squared distance (N,) m from the wanted place that is to be expected after it."""
-        return _distance(self.covariance)
+        return np.hypot(_distance(self.covariance), np.where(self.kept, self.uncorrected, 0.0))
 
     @property
     def noise_sd(self) -> Array:
@@ -117,7 +134,10 @@ class Compensation(Viewed):
                 "target": name,
                 **self.units.fields("q", self.pendant[i]),
                 **self.units.fields("correction", self.pendant[i] - self.targets.pendant[i]),
+                "kept": bool(self.kept[i]),
+                "uncorrected_mm": float(self.uncorrected[i] * 1e3),
                 "deflection_mm": (self.deflection[i, :3] * 1e3).tolist(),
+                "own_weight_and_geometry_mm": (self.own[i, :3] * 1e3).tolist(),
                 "rotation_mrad": (self.deflection[i, 3:] * 1e3).tolist(),
                 "solver_left_mm": float(np.linalg.norm(self.left[i, :3]) * 1e3),
                 "expected_error_mm": float(self.sd[i] * 1e3),
@@ -140,12 +160,14 @@ def compensate(
     reference: Reference = "commanded",
     tell: Tell | None = None,
     *,
+    path: bool = False,
     anyway: bool = False,
 ) -> Compensation:
     """Correct targets for deflection under load by an identified model.
 
-    The covariance is that of the fit, widened where its residuals exceed their noise (`FitRecord.widening`), and of the
-    stated sds of what it held at nominal.
+    The covariance is that of the fit, widened where its residuals exceed their noise (`FitRecord.widening`), with what
+    held-out poses are off beyond the noise (`FitRecord.lack`), and of the stated sds of what it held at nominal. A
+    target whose error would not become smaller keeps its commanded pose.
 
     Args:
         experiment: the campaign of the fit.
@@ -155,15 +177,16 @@ def compensate(
             compensators and errors of geometry that the fit knows are corrected too; "unloaded": where the arm
             stands without the wrench, as for targets recorded with an empty hand (joint targets only).
         tell: called with each step, its number and how many there are.
-        anyway: use a rejected fit, and note the reason (`soundness.check_fit`).
+        path: the targets are points of one path, of which all are moved or none.
+        anyway: use a rejected fit, and note the reason (`soundness.check_fit`); move every target.
 
     Returns:
         Corrected joint values (N, n) rad or m, and the predicted error of each target, m.
 
     Raises:
         InputError: where the fit is of another robot or rejected, an actuator is overloaded, nothing in the model is
-            compliant under the wrenches, a target cannot be corrected within the limits, or the arm does not carry the
-            wrench there.
+            compliant under the wrenches, a target cannot be corrected within the limits, the arm does not carry the
+            wrench there, or no target would come nearer to its place.
     """
     doubted = check_fit(fit, experiment.robot, experiment, anyway=anyway)
     check_choice("reference", Reference, reference)
@@ -178,22 +201,35 @@ def compensate(
         parts.append(_block(experiment, fit, x, targets, part, reference))
         if tell is not None:
             tell("targets", int(part[-1]) + 1, len(targets))
-    pendant, deflection, left, covariance, noise, in_base, open_ = (np.concatenate(a) for a in zip(*parts, strict=True))
-    _check_corrected(experiment, targets, pendant, deflection, left)
+    pendant, deflection, own, left, covariance, noise, in_base, open_ = (
+        np.concatenate(a) for a in zip(*parts, strict=True)
+    )
+    for spread in (covariance, in_base):
+        spread[:, :3, :3] += fit.lack**2 / 3.0 * np.eye(3)
+    uncorrected = _uncorrected(experiment, fit, x, deflection, targets, reference)
+    kept = np.zeros(len(targets), dtype=bool) if anyway else _kept(targets, uncorrected, _distance(covariance), path)
+    pendant, left = np.where(kept[:, None], targets.pendant, pendant), np.where(kept[:, None], deflection, left)
+    _check_corrected(experiment, targets, pendant, deflection, left, kept)
     command = rigid_tip(experiment.robot, experiment.load_site, experiment.robot.controller.to_joints(pendant))
     stood = poses_at(experiment.robot, pendant, targets.wrench)
     exact, absorbed = _not_counted(experiment, fit, open_)
     framed = _series(fit) is not None and reference == "commanded"
     base_sd = _distance(in_base) if framed and not absorbed else None
     notes = (*doubted, *_scope(fit, base_sd, absorbed), *fit_notes(experiment, fit, exact))
-    notes += range_notes(model, stood, targets.name, x)
+    notes += (*_beyond_notes(fit.account, targets, experiment), *range_notes(model, stood, targets.name, x))
+    if kept.any():
+        names = some_of([n for n, still in zip(targets.name, kept, strict=True) if still])
+        notes += (f"not moved, since a correction would bring them no nearer to their places: {names}",)
     return Compensation(
         targets=targets,
         units=experiment.robot.controller.units,
         pendant=frozen(pendant),
         command=command,
         deflection=deflection,
+        own=own,
+        uncorrected=uncorrected,
         left=left,
+        kept=kept,
         covariance=covariance,
         noise_covariance=noise,
         base_sd=base_sd,
@@ -201,6 +237,58 @@ def compensate(
         reference=reference,
         account=fit.account,
     )
+
+
+def _uncorrected(
+    experiment: Experiment, fit: FitRecord, x: Array, deflection: Array, targets: Targets, reference: str
+) -> Array:
+    """Distance (N,) m from the wanted places without a correction; in the frame of an instrument that was estimated,
+    after the rigid motion that suits the arm without a load best over its whole range of joints."""
+    if _series(fit) is None or reference == "unloaded":
+        return np.asarray(np.linalg.norm(deflection[:, :3], axis=1))
+    robot = experiment.robot
+    pendant = spread_poses(robot.controller)
+    q = robot.controller.to_joints(pendant)
+    stands = equilibrium(experiment.model(), poses_at(robot, pendant, np.zeros((len(q), 6))), x, loaded=False).tip
+    moved = procrustes(stands, rigid_tip(robot, experiment.load_site, q).position)
+    wanted = targets.wanted.position
+    return np.asarray(np.linalg.norm(moved.apply(wanted + deflection[:, :3]) - wanted, axis=1))
+
+
+def _kept(targets: Targets, uncorrected: Array, expected: Array, path: bool) -> npt.NDArray[np.bool_]:
+    """Targets (N,) whose expected error, m, is not below the uncorrected one; of a path all or none. InputError where
+    all are."""
+    sizes = [float(np.sqrt(np.mean(np.square(size)))) for size in (uncorrected, expected)]
+    kept = np.full(len(targets), not sizes[1] < sizes[0]) if path else ~(expected < uncorrected)
+    if kept.all():
+        raise InputError(
+            Problem(
+                "no correction: it would make the targets no better",
+                found=f"{1e3 * sizes[1]:.3f} mm (RMS) to be expected after it, {1e3 * sizes[0]:.3f} mm without it",
+                hint="Measure more poses near the targets (`qsf design` plans for a task), or diagnose what is missing.",
+                argument=("anyway", ""),
+            )
+        )
+    return kept
+
+
+def _beyond_notes(account: Account, targets: Targets, experiment: Experiment) -> Iterator[str]:
+    """Targets beyond the loads and the angles of the readings."""
+    for what, part, most in (("force", slice(3), account.force), ("moment", slice(3, 6), account.moment)):
+        size = np.linalg.norm(targets.wrench[:, part], axis=1)
+        far = np.flatnonzero(size > _BEYOND * most)
+        if len(far):
+            names, unit = some_of([targets.name[i] for i in far]), "N" if what == "force" else "N m"
+            yield f"beyond the {what} of the readings, {most:.4g} {unit}: {size.max():.4g} {unit} at {names}"
+    low, high = np.array(account.angles).reshape(-1, 2).T
+    outside = (targets.pendant < low) | (targets.pendant > high)
+    joints = [
+        f"{joint} at {some_of([targets.name[i] for i in np.flatnonzero(far)])}"
+        for joint, far in zip(experiment.robot.facts.driven, outside.T, strict=True)
+        if far.any()
+    ]
+    if joints:
+        yield f"beyond the angles of the readings: {'; '.join(joints)}"
 
 
 def _not_counted(experiment: Experiment, fit: FitRecord, open_: Array) -> tuple[list[str], list[str]]:
@@ -254,8 +342,8 @@ def fit_notes(experiment: Experiment, fit: FitRecord, exact: Sequence[str]) -> t
     if fit.widening > 1.0:
         ratio = f"{np.sqrt(fit.widening):.1f}"
         notes.append(
-            f"the fit's residuals are {ratio} times the stated noise: the expected errors are widened by that factor, "
-            "and what the model lacks may add more"
+            f"the fit's residuals are {ratio} times the stated noise: the expected errors are widened by that factor "
+            f"and hold the {1e3 * fit.lack:.3f} mm that held-out poses are off beyond the noise"
         )
     return tuple(notes)
 
@@ -263,7 +351,8 @@ def fit_notes(experiment: Experiment, fit: FitRecord, exact: Sequence[str]) -> t
 def _block(
     experiment: Experiment, fit: FitRecord, x: Array, targets: Targets, part: Indices, reference: str
 ) -> tuple[Array, ...]:
-    """Corrected angles, deflection, what is left, and the covariances, whole and of the noise, of some targets."""
+    """Corrected angles, deflection, its part without the wrench, what is left, and the covariances, whole and of the
+    noise, of some targets."""
     model, robot = experiment.model(), experiment.robot
     wrench, start = targets.wrench[part], targets.pendant[part]
 
@@ -273,6 +362,7 @@ def _block(
     wanted = targets.wanted.take(part) if reference == "commanded" else stand(start, x, False)
     length, matrix = arm_length(robot), robot.controller.matrix
     deflection = error = -pose_error(wanted, stand(start, x))
+    bare = -pose_error(wanted, stand(start, x, False))
     pendant = start.copy()
     for _ in range(_STEPS):
         if np.all(np.abs(error[:, :3]) < _CLOSE * length) and np.all(np.abs(error[:, 3:]) < _CLOSE):
@@ -290,7 +380,7 @@ def _block(
     frame = _frame_slope(fit, stand(pendant, x)) if reference == "commanded" else 0.0
     whole, noise, open_ = _spread(model, fit, own + frame, held)
     in_base, _, open_base = _spread(model, fit, own, held)
-    return pendant, deflection, error, whole, noise, in_base, np.stack([open_, open_base], axis=1)
+    return pendant, deflection, bare, error, whole, noise, in_base, np.stack([open_, open_base], axis=1)
 
 
 def _spread(model: Model, fit: FitRecord, slope: Array, held: Array) -> tuple[Array, Array, Array]:
@@ -394,8 +484,15 @@ def _check_torques(experiment: Experiment, model: Model, x: Array, targets: Targ
     )
 
 
-def _check_corrected(experiment: Experiment, targets: Targets, pendant: Array, deflection: Array, left: Array) -> None:
-    """InputError with each target that cannot be corrected, and why."""
+def _check_corrected(
+    experiment: Experiment,
+    targets: Targets,
+    pendant: Array,
+    deflection: Array,
+    left: Array,
+    kept: npt.NDArray[np.bool_],
+) -> None:
+    """InputError with each target that is to be moved and cannot be corrected, and why."""
     robot = experiment.robot
     problems: list[Problem] = []
     outside, moved = robot.controller.outside(pendant), np.abs(pendant - targets.pendant)
@@ -405,7 +502,7 @@ def _check_corrected(experiment: Experiment, targets: Targets, pendant: Array, d
         return np.hypot(np.linalg.norm(error[:, :3], axis=1) / length, np.linalg.norm(error[:, 3:], axis=1))
 
     far = (size(left) > np.maximum(_SHARE * size(deflection), 1e-9)) | (moved.max(axis=1) > _LARGEST_CORRECTION)
-    for i in range(len(targets)):
+    for i in np.flatnonzero(~kept).tolist():
         if far[i]:
             message = "no small correction brings the tool to its target: the arm is at or near a singular pose"
             problems.append(targets.problem(i, message, hint="Move the target away from it, or turn the tool."))

@@ -11,7 +11,7 @@ from qsframework.cli.commands import distinct_outputs, write_json
 from qsframework.cli.kinds import kind
 from qsframework.cli.printing import print_folded
 from qsframework.cli.progress import steps
-from qsframework.errors import InputError, Problem, all_of
+from qsframework.errors import InputError, Problem, QsfError, all_of
 from qsframework.experiment import (
     Experiment,
     Readings,
@@ -30,7 +30,7 @@ _READ_BY = {
 }
 """The command that checks what is no experiment."""
 Line = tuple[bool | None, str, str]
-"""Whether it is as it should be (None: not measured), its kind, and what was found."""
+"""Whether it is as it should be (None: not measured, or of rows that harm no fit), its kind, and what was found."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,8 +62,11 @@ class Checked:
         return self.words + head + "".join(f"\n  {_MARK[good]} {kind}: {said}" for good, kind, said in self.lines)
 
 
-def check_files(files: Sequence[Path], json: Path | None, report: Path | None = None) -> None:
-    """Load each file, readings with their experiment; raise one InputError with the problems of all."""
+def check_files(files: Sequence[Path], json: Path | None, report: Path | None = None) -> bool:
+    """Load each file, readings with their experiment; raise one InputError with the problems of all.
+
+    Returns whether something is to be looked at.
+    """
     distinct_outputs([json, report], [file for file in files if file.is_file()])
     by_kind = {file: kind(file) for file in files}
     data = tuple(file for file in files if by_kind[file] == "readings")
@@ -84,6 +87,7 @@ def check_files(files: Sequence[Path], json: Path | None, report: Path | None = 
         write_json(json, {str(one.file): one.said() for one in checked}, names=True)
     if report is not None:
         _report(checked, report)
+    return any(good is False for one in checked for good, _, _ in one.lines)
 
 
 def _check(file: Path, data: tuple[Path, ...]) -> Checked:
@@ -102,7 +106,7 @@ def _check(file: Path, data: tuple[Path, ...]) -> Checked:
         return Checked(file=file, words=words, robot=experiment.robot, experiment=experiment, lines=own)
     readings = read_readings(sources, experiment, "positions")
     words += f", {len(readings)} readings at {len(set(readings.pose))} poses"
-    lines = (*own, *_lines(experiment, readings))
+    lines = (*own, *experiment_lines(experiment, readings))
     return Checked(
         file=file,
         words=words,
@@ -116,22 +120,30 @@ def _check(file: Path, data: tuple[Path, ...]) -> Checked:
 
 def _of_robot(robot: Robot) -> tuple[Line, ...]:
     """What deserves a look in the robot's own files."""
-    weightless: tuple[Line, ...] = () if robot.facts.masses.any() else ((False, "masses", WEIGHTLESS),)
+    weightless: tuple[Line, ...] = () if robot.facts.masses.any() else ((None, "masses", WEIGHTLESS),)
     own: tuple[Line, ...] = ((None, "robot", words),) if (words := shadows(robot.folder)) else ()
     return (*own, *weightless, *((False, found.name, found.words) for found in robot_findings(robot)))
 
 
-def _lines(experiment: Experiment, readings: Readings) -> list[Line]:
+def experiment_lines(experiment: Experiment, readings: Readings) -> list[Line]:
     """What the readings say of themselves, and what is wrong with them."""
     from qsframework.applications.closure import check_states
+    from qsframework.identify import identify
     from qsframework.screening import find_mistakes
 
     lines: list[Line] = [(c.good, c.kind, c.words) for c in check_states(experiment, readings)]
-    return lines + [(False, c.title, c.words) for c in find_mistakes(experiment, readings) if c.told]
+    told = [c for c in find_mistakes(experiment, readings) if c.told]
+    lines += [(None if c.name == "gross" else False, c.title, c.words) for c in told]
+    try:
+        findings = identify(experiment, readings).account.findings
+    except QsfError as error:
+        return [*lines, (False, "fit", str(error))]
+    named = {c.name for c in told}
+    return lines + [(False, f.title, f.words) for f in findings if f.name not in named and f.place != "robot"]
 
 
 _MARK = {True: " ", False: "!", None: "?"}
-"""Before what `qsf check` says of states: as it should be, look at it, not measured."""
+"""Before each line: as it should be; look at it; not measured, or of rows that harm no fit."""
 
 
 def _report(checked: Sequence[Checked], report: Path) -> None:

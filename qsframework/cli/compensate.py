@@ -59,7 +59,7 @@ def run_compensate(
         if programme:
             made = read_programme(files.targets, experiment, programme_options(options, experiment), tell)
         targets = read_targets(files.targets, experiment, tell) if made is None else made.targets
-        result = compensate(experiment, fit, targets, reference, tell, anyway=anyway)
+        result = compensate(experiment, fit, targets, reference, tell, path=programme, anyway=anyway)
     if made is not None:
         result = replace(result, notes=(*result.notes, *made.notes))
     texts = {} if made is None else corrected_texts(made, result, experiment)
@@ -161,7 +161,7 @@ def _programme(made: ProgrammeTargets, texts: dict[Path, str], outputs: list[Pat
 def words(result: Compensation) -> str:
     """What is gained, and the worst target."""
     i = result.worst
-    rms = [float(np.sqrt(np.mean(v**2)) * 1e3) for v in (result.size, result.sd)]
+    rms = [float(np.sqrt(np.mean(v**2)) * 1e3) for v in (result.uncorrected, result.sd)]
     return (
         f"Uncorrected, the tool stands {rms[0]:.3f} mm (RMS) off its targets; corrected, {rms[1]:.4f} mm is to be "
         f"expected from the uncertainty of the fit. The largest expected error is {result.sd[i] * 1e3:.4f} mm, "
@@ -174,9 +174,10 @@ def write_corrected(path: Path, result: Compensation, experiment: Experiment) ->
     place, turn = flange_pose(result.command)
     joints = experiment.robot.controller.units
     header = ["target", *joints.names(), "x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg"]
-    header += [*WRENCH_NAMES, "uncorrected_mm", "expected_error_mm"]
+    header += [*WRENCH_NAMES, "uncorrected_mm", "by_load_mm", "by_own_mm", "expected_error_mm"]
     columns = [joints.shown(result.pendant), place * 1e3, np.rad2deg(turn), result.targets.wrench]
-    numbers = np.column_stack([*columns, result.size * 1e3, result.sd * 1e3]).tolist()
+    sizes = (result.uncorrected, result.of_load, result.of_own, result.sd)
+    numbers = np.column_stack([*columns, *(1e3 * size for size in sizes)]).tolist()
     rows = [[name, *(f"{v:.6f}" for v in row)] for name, row in zip(result.targets.name, numbers, strict=True)]
     comments = [
         f"robot: {experiment.robot.name}",

@@ -280,6 +280,7 @@ def finish(day: Day, files: DayFiles) -> list[str]:
         write_json(folder / "fit.json", fit.as_json())
         report(fit, folder / "fit.html", experiment, readings, files=[files.experiment, day.record.table])
         out.append(f"fit.json, fit.html: {verdict_words(fit)}")
+        out += [f"look at {finding.sentence}" for finding in fit.account.findings]
     except QsfError as error:
         return [*out, f"no fit, no diagnosis and no certificate: {error}"]
     found: Diagnosis | None = None

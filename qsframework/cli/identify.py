@@ -128,9 +128,9 @@ def run_validate(files: FitFiles, fit: Path, halves: int, seed: int) -> None:
     with steps("validate", "fits" if halves else "errors") as begins:
         begins("fits" if halves else "errors")
         if halves:
-            found = validate_halves(experiment, readings, stored, halves, seed)
+            found = validate_halves(experiment, readings, stored, halves, seed, anyway=files.anyway)
         else:
-            found = validate(experiment, readings, stored)
+            found = validate(experiment, readings, stored, anyway=files.anyway)
     verdict = validation_verdict(found)
     print_verdict(verdict)
     print_folded(*found.account.extension)

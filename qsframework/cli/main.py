@@ -92,14 +92,16 @@ def check(
     report: Report = None,
     trust: Trust = False,
 ) -> None:
-    """Check robots, experiments and readings; lists all problems."""
+    """Check robots, experiments and readings; lists all problems. Exit code 1: something is to be looked at."""
     from qsframework.cli.check import check_files
 
-    check_files(files, json, report)
+    look = check_files(files, json, report)
     if conformance:
         from qsframework.cli.new import run_conformance
 
         run_conformance(files)
+    if look:
+        raise typer.Exit(1)
 
 
 @command
@@ -240,6 +242,7 @@ def validate(
     seed: Seed = 0,
     json: Json = None,
     report: Report = None,
+    anyway: Anyway = False,
     trust: Trust = False,
 ) -> None:
     """Errors of a fit at held-out readings."""
@@ -247,7 +250,8 @@ def validate(
     from qsframework.cli.kinds import sorted_out, the_fit
 
     given = sorted_out(files, ("fit",), "readings")
-    paths = FitFiles(experiment=experiment, data=tuple(given["readings"]), json=json, report=report, states=states)
+    data = tuple(given["readings"])
+    paths = FitFiles(experiment=experiment, data=data, json=json, report=report, states=states, anyway=anyway)
     run_validate(paths, the_fit(given, "validate EXPERIMENT fit.json [READINGS...]"), halves, seed)
 
 

@@ -119,7 +119,7 @@ def _told(
     audit = audit_of(base, learned.alone if learned and learned.holds else extended)
     after = misfit(base.experiment, base.readings, base.rows, extended)
     return Diagnosis(
-        account=_account(base, findings),
+        account=_account(base, findings, mistakes),
         experiment=base.experiment,
         readings=base.readings,
         verdict=verdict_of(findings, remaining.leftovers, after, audit, ambiguous(library, findings)),
@@ -161,10 +161,11 @@ def _known(findings: Sequence[NamedCause]) -> frozenset[str]:
     return frozenset(f.name for f in findings if not f.doubtful and not f.open_alternative)
 
 
-def _account(base: Baseline, findings: Sequence[NamedCause]) -> Account:
-    """Of the baseline, with the names that it leaves open."""
+def _account(base: Baseline, findings: Sequence[NamedCause], mistakes: Sequence[Mistake]) -> Account:
+    """Of the baseline, with the names that it leaves open, and what is wrong with the readings."""
     account = account_of(base.experiment, base.rows, base.fit.names)
-    return replace(account, causes=tuple(f.name for f in findings if not f.doubtful))
+    wrong = tuple(m.finding for m in mistakes if m.told)
+    return replace(account, causes=tuple(f.name for f in findings if not f.doubtful), findings=wrong)
 
 
 def _mistakes_as_causes(mistakes: Sequence[Mistake]) -> tuple[NamedCause, ...]:

@@ -10,17 +10,19 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
 from qsframework.elastostatics import Model
 from qsframework.errors import some_of
 from qsframework.experiment.description import description
+from qsframework.experiment.finding import Finding
 from qsframework.experiment.frames import PLANE, POINT
 from qsframework.experiment.observations import ReadingRows
 from qsframework.experiment.readings import Readings
 from qsframework.experiment.setup import Experiment
-from qsframework.files import FileRecord
+from qsframework.files import FileRecord, Unit
 from qsframework.plugin import Indices
 
 _MARKS = 128
@@ -48,7 +50,9 @@ class Account(FileRecord):
     frames: series whose frame was estimated from the same readings; tool: parameters of the markers that were
     extended: effects that the model has from a diagnosis of readings; causes: names that a diagnosis of these readings
     leaves open, None where nobody looked
+    force, moment: the largest of the readings, N and N m; angles: the range of each pendant value, rad or m
     rigid: springs that are not estimated were held rigid
+    findings: what is wrong with these readings, or with the files of the campaign
     description: hashes of what the model was read from, part by part, the values of parameters aside
     """
 
@@ -61,9 +65,13 @@ class Account(FileRecord):
     tool: tuple[str, ...] = ()
     extended: tuple[str, ...] = ()
     causes: tuple[str, ...] | None = None
+    force: Annotated[float, Unit("N")]
+    moment: Annotated[float, Unit("N m")]
+    angles: tuple[tuple[float, float], ...]
     rigid: bool
     simulated: bool
     description: dict[str, str]
+    findings: tuple[Finding, ...] = ()
 
     @property
     def positions(self) -> bool:
@@ -146,6 +154,7 @@ def _marks(readings: Readings, rows: Indices) -> tuple[str, ...]:
 def account_of(experiment: Experiment, rows: ReadingRows, names: Sequence[str]) -> Account:
     """The account of a fit of parameters by name to some rows of readings."""
     readings, model = rows.readings, experiment.model()
+    pendant = readings.poses.pendant[rows.plus]
     tool = set(model.of_role("marker offset"))
     return Account(
         kinds=tuple(dict.fromkeys(readings.kind[rows.keep].tolist())),
@@ -159,10 +168,19 @@ def account_of(experiment: Experiment, rows: ReadingRows, names: Sequence[str]) 
         frames=tuple(readings.frames[f] for f in rows.estimated),
         tool=tuple(n for n in names if n in tool),
         extended=added_effects(model),
+        force=_largest(rows, slice(3)),
+        moment=_largest(rows, slice(3, 6)),
+        angles=tuple(zip(pendant.min(axis=0).tolist(), pendant.max(axis=0).tolist(), strict=True)),
         rigid=experiment.rigid,
         simulated=not readings.sources,
         description=description(experiment.robot, experiment),
     )
+
+
+def _largest(rows: ReadingRows, part: slice) -> float:
+    """The largest load of the loaded readings in three of its components."""
+    loads = rows.readings.poses.wrench[rows.plus, part] * rows.readings.states.loaded[rows.plus, None]
+    return float(np.linalg.norm(loads, axis=1).max(initial=0.0))
 
 
 def added_effects(model: Model) -> tuple[str, ...]:

@@ -26,6 +26,8 @@ _OF_ROWS = ("marker", "value", "sigma", "minus_sigma", "use", "line", "to")
 """What each row has of its own, whatever the states, frames and files are."""
 UNSTATED = 1e-3
 """m: stands for a sigma that nobody states, and that is estimated."""
+_STILL = 1e-6
+"""rad or m: what a controller shows of a joint that keeps its place."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -128,6 +130,11 @@ class Readings(Viewed):
     def source(self) -> Path | None:
         """The first file, None for a simulation."""
         return self.sources[0] if self.sources else None
+
+    @cached_property
+    def moves(self) -> npt.NDArray[np.bool_]:
+        """Whether each pendant value (n,) differs between used readings: of one that never does nothing can be said."""
+        return np.ptp(self.poses.pendant[self.plus[self.use]], axis=0) > _STILL
 
     @cached_property
     def hashes(self) -> tuple[str, ...]:

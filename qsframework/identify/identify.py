@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -32,6 +32,7 @@ from qsframework.experiment.observations import ReadingRows, start_values, value
 from qsframework.experiment.setup import GEOMETRY, expand_name
 from qsframework.identify.columns import ERRORS
 from qsframework.identify.estimate import Estimate, EstimateState, estimate_of
+from qsframework.identify.findings import findings_of
 from qsframework.identify.fit import KINDS, Fit, Found
 from qsframework.identify.held import held_at_nominal
 from qsframework.identify.load_error import load_columns, load_sds
@@ -57,10 +58,6 @@ from qsframework.work.threads import on_one_thread
 
 _ENOUGH = 30
 """Degrees of freedom below which no reading is called gross: a few cannot say what is usual."""
-_FAR = 3.0
-"""Times the stated noise beyond which the residuals of a fit ask what is wrong in the table."""
-_NO_BETTER = 0.9
-"""Share of the nominal arm's error; a fit that leaves more of it asks too, where no noise is stated."""
 _HOLDS = 30
 """Most fits in which weak holds and the noise that weighs them settle."""
 _DECISIONS = 8
@@ -78,7 +75,8 @@ def identify(
     """Estimate the experiment's parameters, and frames of unknown place, from readings.
 
     Parameters that the readings do not identify are held at nominal and listed with those they are correlated with.
-    Where the experiment says `rigid: true`, springs that are not estimated count as rigid.
+    Where the experiment says `rigid: true`, springs that are not estimated count as rigid. What is wrong with the
+    readings or the files stands in the fit's account (`account.findings`); what uses the fit stops there.
 
     Args:
         experiment: the campaign.
@@ -94,6 +92,16 @@ def identify(
         NotIdentifiable: names the parameters, where the readings identify none of them or are all of one pose.
         NotConverged: with its reason.
     """
+    found = fit_readings(experiment, readings, fit, options)
+    own = experiment if fit is None else experiment.with_(fit=tuple(fit))
+    findings = findings_of(found, own, found.used(readings))
+    return replace(found, account=replace(found.account, findings=findings))
+
+
+def fit_readings(
+    experiment: Experiment, readings: Readings, fit: Sequence[str] | None = None, options: FitOptions = PLAIN
+) -> Fit:
+    """The same without a look at what is wrong with the readings or the files."""
     experiment = experiment if fit is None else experiment.with_(fit=tuple(fit))
     twice = () if options.keep_all else tuple(doubled(readings))
     readings = masked(readings, [one.mask for one in twice])
@@ -117,17 +125,8 @@ def identify(
         predicted, measured = found.predict(replace(readings, use=readings.use & wrong))
         found = replace(found, missed=measured - predicted, missed_kind=readings.kind[readings.use & wrong])
     nominal, error, largest = _held_out(found)
-    if _misses(found, nominal, error):
-        found = replace(found, notes=(*_in_the_table(experiment, readings), *found.notes))
     said = (*masked_words(readings, twice), *said)
     return replace(found, gross=said, held_out_nominal=nominal, held_out_error=error, held_out_largest=largest)
-
-
-def _misses(fit: Fit, nominal: float, error: float) -> bool:
-    """Whether a fit is so far from its readings that their table is to be looked at."""
-    if fit.p_value is None:
-        return bool(error > _NO_BETTER * nominal)
-    return fit.chi2 > _FAR**2 * fit.dof
 
 
 def _in_the_table(experiment: Experiment, readings: Readings) -> tuple[str, ...]:
@@ -357,7 +356,7 @@ def _fit_of(experiment: Experiment, found: Found, options: FitOptions) -> Fit:
     estimates = _estimates(found, solution, frames, x, np.sqrt(covariance.diagonal()), unit)
     left = tuple(e for e in found.left if e.name in model.names)
     beyond = (f"{note}." for note in rows.range_notes(model, x))
-    notes = (*notes, *_advice(rows, model, left, estimates), *beyond)
+    notes = (*notes, *_advice(rows, model, left, estimates), *beyond, *_still(readings, model.facts.driven))
     left_out = rows.spread(noise.colour(fit.held_out_errors(rows.together)))
     lost = (np.isnan(left_out) & np.isfinite(rows.measured)).any(axis=1)
     return Fit(
@@ -395,6 +394,16 @@ def _fit_of(experiment: Experiment, found: Found, options: FitOptions) -> Fit:
         made=readings.made,
         notes=notes,
     )
+
+
+def _still(readings: Readings, driven: Sequence[str]) -> Iterator[str]:
+    """What joints that never move hide."""
+    still = [joint for joint, moves in zip(driven, readings.moves, strict=True) if not moves]
+    if still:
+        yield (
+            f"{some_of(still)} {'stands' if len(still) == 1 else 'stand'} still in all readings: nothing is said of "
+            "the sign, the unit, the zero and the coupling of what the controller shows there."
+        )
 
 
 def _advice(

@@ -17,7 +17,7 @@ from qsframework.elastostatics import Model
 from qsframework.errors import InputError, Problem
 from qsframework.estimation import FitOptions, Interval
 from qsframework.estimation.tails import chi2_sf
-from qsframework.experiment import Experiment, Frame
+from qsframework.experiment import Experiment, Frame, Readings
 from qsframework.experiment.account import Account
 from qsframework.files import (
     Document,
@@ -168,6 +168,14 @@ class FitRecord(FileRecord):
         """Rows of the readings' file that were found wrong and not used."""
         return tuple(sorted({*self.masked, *(row for one in self.cleaned or () for row in one.rows)}))
 
+    def used(self, readings: Readings) -> Readings:
+        """The readings without the rows that were masked."""
+        wrong = np.zeros(len(readings), dtype=bool)
+        plural = np.array([f"{kind}s" for kind in readings.kind.tolist()])
+        for one in (*(self.cleaned or ()), *(one for one in self.gross if one.unused)):
+            wrong |= np.isin(readings.line, one.rows) & (plural == one.readings) & (readings.file == one.file)
+        return readings.masked(wrong)
+
     @property
     def p_value(self) -> float | None:
         """Probability of residuals this large under the stated noise; None if the noise is estimated."""
@@ -184,6 +192,11 @@ class FitRecord(FileRecord):
         """What the variances that the fit predicts are multiplied by: chi-square per degree of freedom where the
         residuals do not fit their stated noise, else 1."""
         return self.chi2 / self.dof if self.agrees is False else 1.0
+
+    @property
+    def lack(self) -> float:
+        """RMS distance, m, by which held-out poses are off beyond the stated noise: what the model lacks."""
+        return float(np.nan_to_num(self.held_out_error) * np.sqrt(1.0 - 1.0 / self.widening))
 
     def model_names(self, experiment: Experiment) -> tuple[str, ...]:
         """The estimated parameters that are the model's, and not a frame's. InputError where it has no such."""

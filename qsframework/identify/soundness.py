@@ -12,13 +12,14 @@ from pathlib import Path
 
 import numpy as np
 
-from qsframework.errors import InputError, NotConverged, NotIdentifiable, Problem
+from qsframework.errors import InputError, NotConverged, NotIdentifiable, Problem, refuse
 from qsframework.experiment import Experiment, Readings, load_experiment, read_readings
 from qsframework.experiment.account import UsedFile
 from qsframework.experiment.description import changed_parts
 from qsframework.experiment.observations import start_values
 from qsframework.files import sha256
-from qsframework.identify.identify import identify
+from qsframework.identify.findings import findings_of
+from qsframework.identify.identify import fit_readings
 from qsframework.identify.record import FitRecord
 from qsframework.plugin import Array, Parameter
 from qsframework.robot import Robot
@@ -73,13 +74,13 @@ def check_fit(
         Sentences to show beside the result.
 
     Raises:
-        InputError with every reason why the fit is not to be used: it is of another robot or description, its values
-        are impossible or are not those that its readings give.
+        InputError with every reason why the fit is not to be used: something was found wrong in its readings or files,
+        it is of another robot or description, its values are impossible or are not those that its readings give.
     """
     check_robot(fit, robot)
     wrong = list(_contradictions(fit, robot, experiment))
     notes: list[str] = []
-    if not wrong and experiment is not None:
+    if not (wrong or fit.account.findings) and experiment is not None:
         own, notes = own_readings(fit, experiment, readings)
         if isinstance(own, str):
             wrong.append(own)
@@ -90,8 +91,25 @@ def check_fit(
         if anyway is not None:
             hint = "Identify again, or diagnose its readings; it is used all the same only where that is asked for."
             problems[-1] = replace(problems[-1], hint=hint, argument=("anyway", ""))
-        raise InputError(problems)
-    return (*(f"the fit is used although {why}" for why in wrong), *notes)
+        raise InputError([*_found(fit, anyway), *problems])
+    return (*check_findings(fit, anyway=anyway), *(f"the fit is used although {why}" for why in wrong), *notes)
+
+
+def check_findings(fit: FitRecord, *, anyway: bool | None = False) -> tuple[str, ...]:
+    """What was found wrong in a fit's readings and files, as notes.
+
+    Raises InputError with every finding and what to do, unless `anyway`; None: there is no such way.
+    """
+    if not anyway:
+        refuse(_found(fit, anyway))
+    return tuple(f"the fit is used although {f.title}: {f.words}" for f in fit.account.findings)
+
+
+def _found(fit: FitRecord, anyway: bool | None) -> list[Problem]:
+    """The findings of a fit as problems, each with what to do."""
+    option = None if anyway is None else ("anyway", "")
+    lines = ((f"{f.title}: {f.words}", f.mend) for f in fit.account.findings)
+    return [Problem(words, fit.path or None, hint=mend, argument=option) for words, mend in lines]
 
 
 def _contradictions(fit: FitRecord, robot: Robot, experiment: Experiment | None) -> Iterator[str]:
@@ -158,7 +176,7 @@ def own_readings(
     """The readings of a fit as it used them, why they are not the same any more, or None; and what to note."""
     files = fit.account.files
     if given is not None and fit.account.is_of(given):
-        return _as_used(fit, given), []
+        return fit.used(given), []
     if not files and fit.account.simulated:
         return None, [_UNCHECKED.format("they were simulated, and are in no file")] if fit.path else []
     if not files:
@@ -172,7 +190,7 @@ def own_readings(
         return None, [_UNCHECKED.format(f"{', '.join(lost)} is not here; put it beside the experiment")]
     try:
         states = "positions" if fit.account.positions else "differences"
-        return _as_used(fit, read_readings([p for p in found if p is not None], experiment, states)), []
+        return fit.used(read_readings([p for p in found if p is not None], experiment, states)), []
     except InputError as error:
         return f"its readings cannot be read with this experiment: {error}", []
 
@@ -188,20 +206,11 @@ def _place(file: UsedFile, fit: FitRecord, experiment: Experiment) -> Path | Non
     return next(iter(same), next((p for p in places if p.name == name), None))
 
 
-def _as_used(fit: FitRecord, readings: Readings) -> Readings:
-    """Without the rows that the fit masked."""
-    wrong = np.zeros(len(readings), dtype=bool)
-    plural = np.array([f"{kind}s" for kind in readings.kind.tolist()])
-    for one in (*(fit.cleaned or ()), *(one for one in fit.gross if one.unused)):
-        wrong |= np.isin(readings.line, one.rows) & (plural == one.readings) & (readings.file == one.file)
-    return readings.masked(wrong)
-
-
 def _explains(fit: FitRecord, experiment: Experiment, readings: Readings) -> Iterator[str]:
     """Where the fit is not the one that its readings give when it is made again."""
     options = replace(fit.options, keep_all=True, profile=())
     try:
-        again = identify(experiment, readings, fit.model_names(experiment), options)
+        again = fit_readings(experiment, readings, fit.model_names(experiment), options)
     except (InputError, NotConverged, NotIdentifiable) as error:
         yield f"its readings cannot be fitted so: {error}"
         return
@@ -235,6 +244,10 @@ def _explains(fit: FitRecord, experiment: Experiment, readings: Readings) -> Ite
         if not _same_covariance(one, other):
             yield f"its {what} is not the one that its readings give"
             break
+    if {(f.name, f.rows) for f in fit.account.findings} != {
+        (f.name, f.rows) for f in findings_of(fit, experiment.with_(fit=fit.model_names(experiment)), readings)
+    }:
+        yield "what was found wrong in its readings and files is not what is found there now"
     if not fit.masked and not _alike(fit.held_out_error, again.held_out_error):
         given, own = (f"{1e3 * error:.4g} mm" for error in (again.held_out_error, fit.held_out_error))
         yield f"its held-out error is {own}, and its readings give {given}"

@@ -18,10 +18,10 @@ from qsframework.experiment.account import Account
 from qsframework.experiment.observations import ReadingRows, start_values, values_before
 from qsframework.files import as_file
 from qsframework.identify.fit import Fit
-from qsframework.identify.identify import identify
+from qsframework.identify.identify import fit_readings
 from qsframework.identify.options import Halves
 from qsframework.identify.record import FitRecord
-from qsframework.identify.soundness import check_robot
+from qsframework.identify.soundness import check_findings, check_robot
 from qsframework.option import Seed
 from qsframework.plugin import Array, Indices
 from qsframework.viewed import Viewed
@@ -110,7 +110,7 @@ def _json(part: ValidationErrors) -> Mapping[str, Any]:
 
 
 @checked
-def validate(experiment: Experiment, readings: Readings, fit: FitRecord) -> Validation:
+def validate(experiment: Experiment, readings: Readings, fit: FitRecord, *, anyway: bool = False) -> Validation:
     """Errors of a stored fit at other readings, in the frames that it found.
 
     A series that the fit does not know is laid on its predictions by a rigid motion first, and the error is what this
@@ -120,19 +120,21 @@ def validate(experiment: Experiment, readings: Readings, fit: FitRecord) -> Vali
         experiment: the campaign.
         readings: R held-out readings.
         fit: the identified values.
+        anyway: use a fit whose readings or files were found wrong, and note it.
 
     Returns:
         Errors (R, 3) m, before and after, by series.
 
     Raises:
-        InputError: where the fit is of another robot or model.
+        InputError: where the fit is of another robot or model, or something was found wrong in its readings or files.
     """
     check_robot(fit, experiment.robot)
+    doubted = check_findings(fit, anyway=anyway)
     model, rows = experiment.model(), make_rows(readings)
     x = fit.x_of(model)
     errors = rows.measured - rows.predict(model, x, fitted_frames(fit, rows, model, x), fit.linear)
     found = _validation(fit, rows, errors, _nominal(experiment, rows, fit), seen=fit.account.has_used(readings))
-    return replace(found, notes=rows.range_notes(model, x))
+    return replace(found, notes=(*doubted, *rows.range_notes(model, x)))
 
 
 def fitted_frames(fit: FitRecord, rows: ReadingRows, model: Model, x: Array) -> list[Frame]:
@@ -144,13 +146,15 @@ def fitted_frames(fit: FitRecord, rows: ReadingRows, model: Model, x: Array) -> 
 
 
 def validate_halves(
-    experiment: Experiment, readings: Readings, fit: FitRecord, halves: Halves, seed: Seed = 0
+    experiment: Experiment, readings: Readings, fit: FitRecord, halves: Halves, seed: Seed = 0, *, anyway: bool = False
 ) -> Validation:
     """Fits like a stored one to random halves of the readings, each judged on the other half.
 
     Whole poses are drawn, so that no pose is in both, and drawn anew where a half does not identify what the stored fit
     does: what it held at nominal would count as an error of the model. The median half stands for all in the plots.
+    InputError where something was found wrong in the readings or files of the fit, unless `anyway`.
     """
+    doubted = check_findings(fit, anyway=anyway)
     if halves < 1:
         raise InputError(f"halves: {halves}; allowed: 1 or more")
     rows = make_rows(readings)
@@ -172,7 +176,7 @@ def validate_halves(
     both = np.array([place[k] for part, _ in every for k in part.keep.tolist()], dtype=np.intp)
     before, errors = _nominal(experiment, rows, fit)[both], np.concatenate([e for _, e in every])
     found = _validation(fit, rows.take(both), errors, before, halves=halves, spread=spread)
-    return replace(found, notes=(lost,) if lacking else ())
+    return replace(found, notes=(*doubted, *((lost,) if lacking else ())))
 
 
 def _half(
@@ -182,7 +186,7 @@ def _half(
     poses, use = np.unique(rows.pose), np.zeros(len(rows.readings), dtype=bool)
     use[rows.keep[np.isin(rows.pose, rng.permutation(poses)[: len(poses) // 2])]] = True
     try:
-        own = identify(
+        own = fit_readings(
             experiment, rows.readings.masked(~use), fit.model_names(experiment), FitOptions(linear=fit.linear)
         )
     except (NotIdentifiable, NotConverged) as error:

@@ -13,6 +13,7 @@ from qsframework.experiment import Experiment, make_plan
 from qsframework.plugin import Array, Poses
 from qsframework.report.blocks import Figure, ReportTable, SceneView, Section, Text
 from qsframework.report.plots import AFTER, BEFORE, COLOURS, blank, log_axis, plotted
+from qsframework.report.words.compensation import own_cause
 
 _MOST = 24
 """Targets in the scene."""
@@ -26,18 +27,21 @@ def target_table(result: Compensation) -> ReportTable:
     rows = tuple(
         (
             name,
-            f"{result.size[i] * 1e3:.3f}",
+            f"{result.uncorrected[i] * 1e3:.3f}",
+            f"{result.of_load[i] * 1e3:.3f}",
+            f"{result.of_own[i] * 1e3:.3f}",
             f"{result.sd[i] * 1e3:.4f}",
             f"{result.turn_sd[i] * 1e3:.4f}",
             *(f"{c:+.4f}" for c in correction[i]),
         )
         for i, name in enumerate(result.targets.name)
     )
-    header = ("target", "uncorrected mm", "expected after mm", "expected after mrad")
+    header = ("target", "uncorrected mm", "of it load mm", "own mm", "expected after mm", "expected after mrad")
     return ReportTable(
         (*header, *result.units.labels("dJ")),
         rows,
-        "Position error of the load point without the correction; the root mean square of the distance "
+        "Position error of the load point without the correction; how far the load alone moves it, and how far "
+        f"{own_cause(result)} do; the root mean square of the distance "
         "that is to be expected with it, from the covariance of the fit and the stated uncertainties of the load and "
         "of what was held at nominal; and what was added to each joint.",
     )
@@ -59,12 +63,14 @@ def compensation_section(result: Compensation) -> Section:
     names = [html.escape(name) for name in result.targets.name]
     figure = blank("Distance from the target", "target", "mm")
     for values, name, look in (
-        (result.size, "uncorrected", BEFORE),
+        (result.uncorrected, "uncorrected", BEFORE),
         (result.sd, "expected after the correction", AFTER),
     ):
         dots = {**look, "size": 9}
         figure.add_scatter(x=names, y=plotted(1e3 * values), mode="markers", name=name, marker=dots, customdata=names)
-    figure.update_layout(yaxis=log_axis(1e3 * np.concatenate([result.size, result.sd])), xaxis={"type": "category"})
+    figure.update_layout(
+        yaxis=log_axis(1e3 * np.concatenate([result.uncorrected, result.sd])), xaxis={"type": "category"}
+    )
     caption = (
         "Diamonds: the distance from the target without a correction; circles: expected after it, on a logarithmic "
         "scale. Look for targets whose circle is not much lower than the diamond: there the fit knows too little, and "
@@ -88,7 +94,7 @@ def target_view(experiment: Experiment, result: Compensation, x: Array) -> Secti
     from qsframework.viz.target_arrows import draw_targets
 
     targets, arm = result.targets, experiment.robot.controller
-    worst = np.sort(np.argsort(-result.size, kind="stable")[:_MOST])
+    worst = np.sort(np.argsort(-result.uncorrected, kind="stable")[:_MOST])
     names = [targets.name[int(i)] for i in worst]
     poses = Poses(targets.pendant, arm.to_joints(targets.pendant), targets.wrench)
     plan = make_plan(poses.take(worst), [""] * len(worst), names=names)

@@ -273,12 +273,16 @@ def _targets(targets: Targets) -> ResultView:
 
 @view_of.register
 def _compensation(found: Compensation) -> ResultView:
-    columns: dict[str, Any] = {"target": found.targets.name, "uncorrected_m": found.size, "expected_error_m": found.sd}
+    columns: dict[str, Any] = {
+        "target": found.targets.name,
+        "uncorrected_m": found.uncorrected,
+        "expected_error_m": found.sd,
+    }
     columns |= _joint_columns(found.pendant, found.units)
 
     def figure() -> Plot:
         out = blank("Position error", "target", "mm")
-        for name, size in (("uncorrected", found.size), ("predicted after correction", found.sd)):
+        for name, size in (("uncorrected", found.uncorrected), ("predicted after correction", found.sd)):
             out.add_bar(x=list(found.targets.name), y=plotted(1e3 * size), name=name)
         return out
 

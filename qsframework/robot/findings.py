@@ -18,9 +18,10 @@ from qsframework.units import SLIDES, TURNS
 _BESIDE = 0.45
 """Of a lever's length: how far its pivot may stand outside what is drawn of its link; the shipped arms' do to 0.28."""
 
-_NATURAL, _STRONGER, _WEAKER, _WIDER = (1e-4, 100.0), 10.0, 0.05, 2.5
-"""Shares beyond which values are unlikely: of a parameter's typical size (of the shipped arms 0.03 to 6.4), of the
-torque that there is to balance (to 1.2), of the links' own torque, of the URDF's range (1)."""
+_NATURAL, _STRONGER, _NOTHING, _WEAKER, _WIDER = (1e-4, 100.0), 1.5, 0.15, 0.05, 2.5
+"""Shares beyond which values are unlikely: of a parameter's typical size (of the shipped arms 0.03 to 6.4); of the
+torque that there is to balance with the payload (of the shipped balancers 0.2 to 0.5, so that a tenfold one is seen)
+and of the links' alone (0.5 to 1.2, so that a tenth is seen); of the links' own torque; of the URDF's range (1)."""
 
 
 def robot_findings(robot: Robot) -> tuple[GravityCheck, ...]:
@@ -40,7 +41,8 @@ def _sizes(robot: Robot) -> Iterator[GravityCheck]:
 
 
 def _strengths(robot: Robot) -> Iterator[GravityCheck]:
-    """Balancers that exert far more than there is to balance, and actuators that bear far less than the arm weighs."""
+    """Balancers that exert far more than there is to balance or next to nothing of it, and actuators that bear far less
+    than the arm weighs."""
     facts, q = robot.facts, robot.controller.to_joints(spread_poses(robot.controller))
     weight = np.abs(kernel_statics(robot, q).torque[: facts.n]).max(axis=1)
     known = {p.name: p.nominal for p in robot.parameters}
@@ -52,9 +54,10 @@ def _strengths(robot: Robot) -> Iterator[GravityCheck]:
         term = spring.torque(q[:, joints], x, Context(facts, Poses(q, q, np.zeros((len(q), 6))), False))
         value = np.zeros((len(q), 1)) if term is None else term.value if isinstance(term, TorqueTerm) else term
         most = float(np.abs(value).max(initial=0.0))
-        needed = float(weight[joints].max(initial=0.0)) + facts.sizes.torque
-        if most > _STRONGER * needed and facts.masses.any():
-            text = f"it exerts up to {most:.3g} N m; the arm with its payload needs about {needed:.3g} N m there"
+        links = float(weight[joints].max(initial=0.0))
+        needed = links + facts.sizes.torque
+        if facts.masses.any() and (most > _STRONGER * needed or 0.0 < most < _NOTHING * links):
+            text = f"it exerts up to {most:.3g} N m; the links need {links:.3g} N m, with payload {needed:.3g} N m"
             yield GravityCheck(spring.name, False, f"{text}: look at its lengths, pressure, area and stiffness")
     for k, limit in enumerate(robot.torque_limits if robot.torque_limits is not None else ()):
         if limit < _WEAKER * weight[k]:

@@ -73,7 +73,8 @@ def is_file(path: Path) -> bool:
 
 def robot_titles() -> dict[str, str]:
     """Name and title of every robot on the search path. InputError where a robot.yaml has no title for a terminal."""
-    documents = {name: read_yaml(find_robot(name)) for name in robot_names()}
+    found = ((name, on_search_path(name)) for name in robot_names())
+    documents = {name: read_yaml(path) for name, path in found if path is not None}
     problems = [
         document.problem("title must be one line of text", "title")
         for document in documents.values()

@@ -76,6 +76,7 @@ _UNITS = (
     (1e3, "the load is in kN where the file says N, or the displacements in um where it says mm"),
     (1e-3, "the displacements are in m where the file says mm, or the load in N where it says kN"),
     (1.0 / 25.4, "the displacements are in inches where the file says mm"),
+    (0.1, "the displacements are in cm where the file says mm, or the load was multiplied by g once more"),
 )
 """Factor of the compliances as fitted, which is (true load) / (load of the file), and what it stands for."""
 _NEAR = 0.25

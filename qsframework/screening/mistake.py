@@ -5,10 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from qsframework.experiment.finding import Finding
 from qsframework.hypotheses.hypothesis import Hypothesis
 
-SUSPECTED = ("load_unit", "load_payload")
+_MENDS = {
+    "load_unit": (
+        "Correct the unit in the table's header; where the loads are right, so are the compliances: make them the "
+        "robot's nominal values (nominal.yaml, which `qsf identify` writes)."
+    ),
+    "load_payload": "Correct the forces, or payload_kg in robot.yaml.",
+}
+SUSPECTED = tuple(_MENDS)
 """Names of what is told and never applied: no fit can prove it."""
+ROWS_MEND = "Correct the rows, have them left out (clean), or say that they are right (keep-all)."
+_TABLE = "Correct the table, or how it is read."
 
 
 @dataclass(frozen=True)
@@ -39,6 +49,15 @@ class Mistake(Hypothesis):
     below: int = 0
     compelling: bool = False
     moved: tuple[Moved, ...] = ()
+
+    @property
+    def finding(self) -> Finding:
+        """The same as a fit keeps it: in words, with what to do."""
+        kind = self.name.partition("[")[0]
+        by_rows = ROWS_MEND if self.mask is not None else _TABLE
+        return Finding(
+            self.name, self.words, _MENDS.get(kind, by_rows), self.file or self.column, self.rows, self.evidence
+        )
 
     @property
     def told(self) -> bool:

@@ -84,8 +84,8 @@ def test_with_the_true_parameters_the_loaded_tool_stands_where_it_is_wanted(
 ) -> None:
     result = compensate(m900ib, exact_fit(m900ib), targets)
     error = pose_error(targets.wanted, stands(m900ib, result, m900ib.model().nominal))
-    assert result.size.min() > 1e-3
-    assert np.linalg.norm(error[:, :3], axis=1).max() < 1e-6 * result.size.min()
+    assert result.uncorrected.min() > 1e-3
+    assert np.linalg.norm(error[:, :3], axis=1).max() < 1e-6 * result.uncorrected.min()
     assert np.linalg.norm(error[:, 3:], axis=1).max() < 1e-6 * np.linalg.norm(result.deflection[:, 3:], axis=1).min()
     told = rigid_tip(m900ib.robot, m900ib.load_site, m900ib.robot.controller.to_joints(result.pendant))
     assert np.allclose(result.command.position, told.position)
@@ -104,7 +104,7 @@ def test_identified_from_noisy_readings_of_the_full_equilibrium(
     fit = stored(m900ib, readings, tmp_path)
     result = compensate(m900ib, fit, targets)
     error = np.linalg.norm((stands(m900ib, result, drawn.x).position - targets.wanted.position), axis=1)
-    assert np.all(error < 0.01 * result.size)
+    assert np.all(error < 0.01 * result.uncorrected)
     before = compensate(m900ib, exact_fit(m900ib), targets)
     uncalibrated = np.linalg.norm(stands(m900ib, before, drawn.x).position - targets.wanted.position, axis=1)
     assert uncalibrated.mean() > 10 * error.mean(), "the nominal values would have erred far more"
@@ -121,7 +121,7 @@ def test_the_view_bends_the_arm_by_what_the_table_says(m900ib: Experiment, targe
     result = compensate(m900ib, exact_fit(m900ib), targets, reference)
     view = target_view(m900ib, result, m900ib.model().nominal).blocks[0]
     assert isinstance(view, SceneView)
-    for size in result.size:
+    for size in result.uncorrected:
         assert f'"{1e3 * size:.3f} mm"' in view.page
 
 
@@ -205,7 +205,8 @@ def test_the_uncertainty_of_the_load_counts(m900ib: Experiment, tmp_path: Path) 
     again = replace(read_fit(tmp_path / "fit.json"), held=())
     np.testing.assert_allclose(compensate(stated, again, work).sd, results[-1].sd, rtol=1e-9)
     plain = replace(again, total_covariance=None)
-    np.testing.assert_allclose(compensate(stated, plain, work).sd, results[-1].noise_sd, rtol=1e-9)
+    noise_and_lack = np.hypot(results[-1].noise_sd, again.lack)
+    np.testing.assert_allclose(compensate(stated, plain, work).sd, noise_and_lack, rtol=1e-9)
     assert "states no uncertainty of its load" in " ".join(compensate(stated, plain, work).notes)
 
 
@@ -336,7 +337,7 @@ def test_errors_of_geometry_are_corrected_too(m900ib: Experiment, targets: Targe
     sd = (1e-4, 2e-4)
     fit = record(bent, x, {**dict(zip(offsets, sd, strict=True)), "frame[s].x": 1.0}, {"frame[s].x": 1.0})
     result = compensate(bent, fit, targets)
-    assert result.size.max() > 6e-3, "3 mrad at two metres and more"
+    assert result.uncorrected.max() > 6e-3, "3 mrad at two metres and more"
     assert np.abs(pose_error(targets.wanted, stands(bent, result, x))).max() < 1e-8
     squared = np.zeros(len(targets))
     for k, name in enumerate(offsets):
@@ -400,7 +401,7 @@ def test_forces_on_a_model_in_which_nothing_gives(tmp_path: Path) -> None:
     fit = read_fit(told)
     pendant = np.deg2rad([[0.0, -70.0, 60.0, -80.0, -90.0, 0.0], [10.0, -70.0, 60.0, -80.0, -90.0, 0.0]])
     wrench = np.zeros((2, 6))
-    assert compensate(rigid, fit, joint_targets(rigid, pendant, wrench)).size.min() > 1e-5
+    assert compensate(rigid, fit, joint_targets(rigid, pendant, wrench), anyway=True).uncorrected.min() > 1e-5
     wrench[1, 2] = -50.0
     words = r"target 't02': nothing in the fitted model gives under this force.*Leave the forces .* without rigid: true"
     with pytest.raises(InputError, match=words):

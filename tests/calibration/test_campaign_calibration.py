@@ -36,7 +36,6 @@ from tests.calibration.small_arm import SIGMA, SPRINGS, TRACKER, WEIGHT, acting,
 LINEAR = FitOptions(linear=True, keep_all=True)
 NOISE = "The noise that is stated is the noise that counts"
 PRIORS = "What is known before the readings is said once: identify, extension, predictions"
-HARM = "What harms people goes first: foreign code, and findings nobody hears"
 
 
 def awaits(issue: str) -> pytest.MarkDecorator:
@@ -231,7 +230,9 @@ def fitted_of(arm: Experiment, believed: Experiment, plan: Plan, factor: float) 
     """A fit of readings of an arm whose first spring, which it holds at nominal, is so many times as soft."""
     x = arm.model().nominal.copy()
     x[arm.model().index([SPRINGS[0]])] *= factor
-    return identify(believed, planned_readings(arm, plan, x), options=FitOptions(keep_all=True)), x
+    exact = planned_readings(arm, plan, x)
+    noise = SIGMA * np.random.default_rng(plan.q.shape[0]).normal(size=exact.value.shape)
+    return identify(believed, exact.with_values(exact.value + noise), options=FitOptions(keep_all=True)), x
 
 
 def test_expected_errors_hold_the_stated_sd_of_a_spring_that_no_reading_sees(tmp_path: Path) -> None:
@@ -274,7 +275,6 @@ def test_before_is_the_arm_in_the_tool_that_suits_it_best(tmp_path: Path) -> Non
     assert fit.held_out_nominal < 1.5 * fit.held_out_error
 
 
-@awaits(HARM)
 def test_expected_errors_are_not_stated_of_loads_in_another_unit(arm: Experiment) -> None:
     """Every load 9.81 times what acts: all springs are stiffer by that, and no residual shows it."""
     readings = simulate(arm, small_plan(arm, 12), seed=3).readings

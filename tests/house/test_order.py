@@ -93,6 +93,7 @@ SAYING = {
     "design/candidates.py: Candidates",
     "estimation/rank.py: RankTest",
     "identify/record.py: Masked",
+    "experiment/finding.py: Finding",
     "information/identifiable.py: NotEstimated",
     "hypotheses/hypothesis.py: Hypothesis",
     "hypotheses/catalogue/rows.py: Finding",

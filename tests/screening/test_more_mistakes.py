@@ -164,8 +164,9 @@ def test_nominal_geometry_that_is_off_is_no_exchange_of_markers(folder: Path) ->
 def test_a_fit_that_misses_says_what_is_wrong_in_the_table(folder: Path) -> None:
     experiment, right = loaded(folder / "positions")
     wrong = shown(experiment, right, np.deg2rad(np.round(np.rad2deg(right.poses.pendant))))
-    assert any("Wrong in the table: the angles are rounded" in note for note in identify(experiment, wrong).notes)
-    assert not any("table" in note for note in identify(experiment, right).notes)
+    (found,) = identify(experiment, wrong).account.findings
+    assert found.words.startswith("the angles are rounded")
+    assert not identify(experiment, right).account.findings
 
 
 def test_a_fit_that_does_not_settle_says_so_too(folder: Path) -> None:

@@ -300,4 +300,4 @@ def test_readings_that_nothing_contradicts_are_no_fault(
         code = 0
     except SystemExit as stop:
         code = stop.code or 0
-    assert code == (0 if words[0] == "check" else 2), capsys.readouterr().err
+    assert code == (1 if words[0] == "check" else 2), capsys.readouterr().err

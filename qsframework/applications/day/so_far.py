@@ -22,6 +22,7 @@ from qsframework.design.problem import joint_sd
 from qsframework.diagnose import diagnose
 from qsframework.errors import QsfError
 from qsframework.experiment import Experiment, Plan, Readings, read_readings
+from qsframework.experiment.finding import Finding
 from qsframework.identify import Fit, identify
 from qsframework.units import JointUnits
 
@@ -73,8 +74,14 @@ class SoFar:
 
     @property
     def enough(self) -> bool:
-        """Whether every parameter is told as well as the plan predicted, and no cause is open."""
-        return bool(self.told) and all(t.enough for t in self.told) and not self.causes
+        """Whether every parameter is told as well as the plan predicted, no cause is open, and nothing is wrong with
+        the readings."""
+        return bool(self.told) and all(t.enough for t in self.told) and not (self.causes or self.findings)
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What is wrong with the readings, or with the files of the campaign."""
+        return () if self.fit is None else self.fit.account.findings
 
 
 def so_far(day: Day) -> SoFar:

@@ -20,11 +20,14 @@ from qsframework.robot import StructuralChange, alternatives
 
 
 def couplings(experiment: Experiment, readings: Readings) -> Iterator[Hypothesis]:
-    """An angle that is absolute where the file says relative, or the reverse, at every joint."""
+    """An angle that is absolute where the file says relative, or the reverse, at every joint that moves."""
     robot, model = experiment.robot, experiment.model()
+    moves = dict(zip(robot.facts.driven, readings.moves, strict=True))
     held = dict(zip(model.names, model.nominal, strict=True))
     markers = tuple(m.name for m in experiment.markers)
     for effect in (e for kind in with_role("shown angle") for e in kind.places(robot.facts, markers)):
+        if not moves[effect.where]:
+            continue
         (own,) = effect.parameters(robot.facts)
         here = experiment.with_effects([effect])
         others = tuple(p for p in experiment.parameters if p.name != own.name)
@@ -39,8 +42,9 @@ def couplings(experiment: Experiment, readings: Readings) -> Iterator[Hypothesis
 
 
 def joint_signs(experiment: Experiment, readings: Readings) -> Iterator[Hypothesis]:
-    """Every joint angle reversed."""
-    for k, joint in enumerate(experiment.robot.facts.driven):
+    """Every angle of a joint that moves reversed."""
+    for k in np.flatnonzero(readings.moves).tolist():
+        joint = experiment.robot.facts.driven[k]
         pendant = np.array(readings.poses.pendant)
         pendant[:, k] *= -1.0
         q = experiment.robot.controller.to_joints(pendant)
@@ -148,7 +152,7 @@ def angle_units(experiment: Experiment, readings: Readings) -> Iterator[Hypothes
     units = [joints[k] for k in range(len(joints))]
     few = np.array([size * u.per <= _FEW[u.si] for size, u in zip(largest.tolist(), units, strict=True)])
     many = np.array([size > _FEW[u.si] for size, u in zip(largest.tolist(), units, strict=True)])
-    moved = largest >= _MOVED
+    moved = readings.moves & (largest >= _MOVED)
     single = [(k,) for k in np.flatnonzero(moved & (few | many)).tolist()]
     turning = moved & ~np.array(joints.sliding)
     every = [tuple(np.flatnonzero(turning).tolist())] if turning.sum() > 1 and few[turning].all() else []
@@ -177,10 +181,10 @@ def joint_columns(experiment: Experiment, readings: Readings) -> Iterator[Hypoth
     every = np.arange(count, dtype=np.intp)
     orders: list[tuple[Indices, str, str]] = []
     for a, b in combinations(range(count), 2):
-        if sliding[a] == sliding[b]:
+        if sliding[a] == sliding[b] and readings.moves[a] and readings.moves[b]:
             order = np.where(every == a, b, np.where(every == b, a, every))
             orders.append((order, f"the columns q{a + 1} and q{b + 1} are exchanged", f"q{a + 1}, q{b + 1}"))
-    for by, where in ((1, "after"), (-1, "before")) if count > 2 and not any(sliding) else ():
+    for by, where in ((1, "after"), (-1, "before")) if count > 2 and readings.moves.all() and not any(sliding) else ():
         words = f"each column of angles holds the joint {where} its own, as where a log counts them from zero"
         orders.append((np.roll(every, by), words, f"q1 to q{count}"))
     for order, words, column in orders:

@@ -12,16 +12,23 @@ _HARDLY = 0.5
 """Share of the uncorrected distance above which what is left says that the fit knows too little there."""
 
 
+def own_cause(result: Compensation) -> str:
+    """What moves the tip without a load."""
+    return "own weight and geometry" if result.account.positions else "own weight"
+
+
 def compensation_verdict(result: Compensation) -> Verdict:
     """The largest distance without the correction and the one to be expected with it."""
     worst, names = result.worst, result.targets.name
-    weak = [n for n, size, sd in zip(names, result.size, result.sd, strict=True) if sd > _HARDLY * size]
+    weak = [n for n, size, sd in zip(names, result.uncorrected, result.sd, strict=True) if sd > _HARDLY * size]
+    moved = len(names) - int(result.kept.sum())
     mark, word = Mark.GOOD, "Corrected"
     if result.notes:
         mark, word = Mark.LOOK, "Corrected, with notes"
     said = (
-        f"{len(names)} target{'s' if len(names) > 1 else ''} moved, {result.account.quantity}: uncorrected up to "
-        f"{mm(result.size.max())} mm off, "
+        f"{moved} of {len(names)} target{'s' if len(names) > 1 else ''} moved: uncorrected up to "
+        f"{mm(result.uncorrected.max())} mm off ({mm(result.of_load.max())} by the load, {mm(result.of_own.max())} by "
+        f"{own_cause(result)}), "
         f"then {mm(result.sd[worst])} mm to be expected at the worst, target {names[worst]}"
     )
     if weak:
@@ -32,7 +39,7 @@ def compensation_verdict(result: Compensation) -> Verdict:
         word,
         f"{said}.",
         (
-            (f"{mm(result.size.max())} mm", "uncorrected, largest"),
+            (f"{mm(result.uncorrected.max())} mm", "uncorrected, largest"),
             (f"{mm(result.sd[worst])} mm", "expected after, largest"),
             (f"{mm(float(np.sqrt(np.mean(result.sd**2))))} mm", "expected after, RMS"),
             (str(len(names)), "targets"),

@@ -138,6 +138,8 @@ def so_far_words(found: SoFar) -> str:
     """What the readings tell so far, in one sentence, and what would help."""
     if found.fit is None:
         return f"After {found.visits} visits the readings give no fit yet: {found.why}"
+    if found.findings:
+        return " ".join(f"Look at {finding.sentence}" for finding in found.findings)
     known = sum(t.enough for t in found.told)
     which = f"{known} of {len(found.told)} parameters"
     said = f"After {found.visits} visits {which} are identified as well as the plan predicted"

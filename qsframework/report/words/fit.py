@@ -32,8 +32,9 @@ _KNOWN = (EstimateState.FINE, EstimateState.OUTSIDE_PRIOR)
 
 
 def first_words(fit: Fit) -> tuple[str, ...]:
-    """What is said before anything else: how readings were taken, and that they were made by another model."""
-    out: list[str] = []
+    """What is said before anything else: what is wrong with readings and files and what to do, how readings were taken,
+    and that they were made by another model."""
+    out = [f"Look at {finding.sentence}" for finding in fit.account.findings]
     if fit.made is not None:
         own = "linear" if fit.linear else "equilibrium"
         if fit.made.model != own:
@@ -140,10 +141,14 @@ def fit_verdict(fit: Fit, poses: Poses | None = None) -> Verdict:
         mark, word = Mark.BAD, "No better than the nominal model"
     elif after >= before and mark is not Mark.BAD:
         mark, word = Mark.LOOK, "The nominal values do as well"
+    said = f"{size}; {outcome}."
+    if found := fit.account.findings:
+        mark, word = Mark.BAD, "Not to be used before it is looked at"
+        said = f"{some_of([one.title for one in found], _NAMED)} (below). {said}"
     return Verdict(
         mark,
         word,
-        f"{size}; {outcome}.",
+        said,
         (
             (f"{mm(after)} mm", "held-out error, 3D RMS"),
             (f"{mm(before)} mm", "the same by the nominal model"),

@@ -1,0 +1,103 @@
+"""`qsf compensate` makes no target worse: what a fit does not know keeps its commanded pose, of a path all or none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from qsframework.applications.compensate import Compensation, compensate
+from qsframework.applications.inverse import rigid_tip
+from qsframework.applications.targets import Targets, joint_targets
+from qsframework.errors import InputError
+from qsframework.experiment import Experiment
+from qsframework.identify import FitRecord
+from qsframework.plugin import Array
+from tests.applications.test_compensate import angles
+from tests.identify.records import record
+
+LIGHT, HEAVY = np.array([0.0, 0.0, -20.0, 0.0, 0.0, 0.0]), np.array([0.0, 0.0, -5000.0, 0.0, 0.0, 0.0])
+NAME = "joint_compliance[joint_3]"
+
+
+def vague(experiment: Experiment, share: float) -> FitRecord:
+    """A fit that knows one spring to a share of its value."""
+    x = experiment.model().nominal
+    return record(experiment, x, {NAME: share * float(x[experiment.model().names.index(NAME)])})
+
+
+def both(experiment: Experiment) -> Targets:
+    """Two targets under next to no load, and two under a heavy one."""
+    return joint_targets(experiment, angles(4, 5), np.array([LIGHT, LIGHT, HEAVY, HEAVY]))
+
+
+def deflected(experiment: Experiment, fit: FitRecord, **more: bool) -> Compensation:
+    return compensate(experiment, fit, both(experiment), "unloaded", **more)
+
+
+def lacking(fit: FitRecord, held_out: float) -> FitRecord:
+    """The same with residuals that exceed the noise, and with that error at held-out poses."""
+    return replace(fit, chi2=100.0 * 200, dof=100, held_out_error=held_out, held_out_nominal=10.0 * held_out)
+
+
+def moved(result: Compensation) -> Array:
+    return np.abs(result.pendant - result.targets.pendant).max(axis=1)
+
+
+def test_targets_that_the_fit_cannot_bring_nearer_keep_their_pose(m900ib: Experiment) -> None:
+    fit = lacking(vague(m900ib, 0.001), 2e-4)
+    result = deflected(m900ib, fit)
+    assert result.kept.tolist() == [True, True, False, False]
+    assert (moved(result) == 0.0).tolist() == [True, True, False, False]
+    there = rigid_tip(m900ib.robot, m900ib.load_site, m900ib.robot.controller.to_joints(result.targets.pendant))
+    np.testing.assert_array_equal(result.command.position[:2], there.position[:2])
+    assert "not moved, since a correction would bring them no nearer to their places: t01, t02" in result.notes
+    assert (result.sd[:2] >= result.uncorrected[:2]).all()
+    assert (result.sd[2:] < result.uncorrected[2:]).all()
+
+
+def test_of_a_path_all_points_are_moved_or_none(m900ib: Experiment) -> None:
+    """The heavy points gain more than the light ones lose; where the fit knows less, nothing gains."""
+    assert not deflected(m900ib, lacking(vague(m900ib, 0.001), 2e-4), path=True).kept.any()
+    with pytest.raises(InputError, match="no correction: it would make the targets no better"):
+        deflected(m900ib, lacking(vague(m900ib, 0.001), 0.02), path=True)
+
+
+def test_nothing_is_written_where_nothing_gains(m900ib: Experiment) -> None:
+    fit = vague(m900ib, 20.0)
+    with pytest.raises(InputError, match=r"to be expected after it, .* mm without it.*Measure more poses"):
+        deflected(m900ib, fit)
+    result = deflected(m900ib, fit, anyway=True)
+    assert not result.kept.any()
+    assert (moved(result)[2:] > 0.0).all()
+
+
+def test_expected_errors_hold_what_held_out_poses_are_off_beyond_the_noise(m900ib: Experiment) -> None:
+    """Residuals of which 199 in 200 parts are not noise, and 0.2 mm at held-out poses."""
+    fit = vague(m900ib, 1e-6)
+    plain, wide = deflected(m900ib, fit), deflected(m900ib, lacking(fit, 2e-4), anyway=True)
+    np.testing.assert_allclose(wide.sd[2:], 2e-4 * np.sqrt(199.0 / 200.0), rtol=1e-3)
+    assert (plain.sd[2:] < 1e-6).all()
+
+
+def test_load_and_own_weight_stand_apart(m900ib: Experiment) -> None:
+    """Of the whole deflection: what the tip moves when the load is hung, and what it had sagged before."""
+    targets = both(m900ib)
+    result = compensate(m900ib, vague(m900ib, 1e-3), targets)
+    alone = compensate(m900ib, vague(m900ib, 1e-3), targets, "unloaded")
+    np.testing.assert_allclose(result.of_load, np.linalg.norm(alone.deflection[:, :3], axis=1), rtol=0.02, atol=1e-6)
+    np.testing.assert_allclose(result.own + (result.deflection - result.own), result.deflection)
+    assert (result.of_own > 1e-4).all()
+    assert not alone.own.any()
+
+
+def test_targets_beyond_the_readings_are_said(m900ib: Experiment) -> None:
+    fit = vague(m900ib, 1e-3)
+    low = tuple((-0.5, 0.5) if k == 0 else (-7.0, 7.0) for k in range(6))
+    narrow = replace(fit, account=replace(fit.account, force=4000.0, angles=low))
+    far = [name for name, q in zip(both(m900ib).name, both(m900ib).pendant[:, 0], strict=True) if abs(q) > 0.5]
+    notes = deflected(m900ib, narrow).notes
+    assert "beyond the force of the readings, 4000 N: 5000 N at t03, t04" in notes
+    assert f"beyond the angles of the readings: joint_1 at {', '.join(far)}" in notes
+    assert not any("beyond the" in note for note in deflected(m900ib, fit).notes)
