@@ -11,8 +11,9 @@ from qsframework.applications.compare import Compared, Comparison
 from qsframework.plugin import Array
 from qsframework.report.blocks import Figure, ReportTable, SceneView, Section, Text
 from qsframework.report.numbers import row_table
+from qsframework.report.plan_section import sd_words
 from qsframework.report.plots import COLOURS, ORANGE, SYMBOLS, blank, log_axis, panels, round_ticks
-from qsframework.report.words.sizes import shown
+from qsframework.report.words.sizes import shown_number, unit_shown
 from qsframework.robot.collision import Flags
 from qsframework.viz import task_scene
 
@@ -64,17 +65,17 @@ def _number(values: Array, how: Any, scale: float) -> str:
 
 def sd_tables(result: Comparison) -> tuple[ReportTable, ...]:
     """Promised sd of each robot's parameters from as many poses."""
-    out: list[ReportTable] = []
-    for r in result.robots:
-        rows: list[tuple[str, ...]] = []
-        for p, sd in zip(r.parameters, r.sds, strict=True):
-            value, unit = shown(p.nominal, p.unit)
-            share = f" ({100 * sd / abs(p.nominal):.1f} %)" if p.nominal and np.isfinite(sd) else ""
-            cell = f"{shown(float(sd), p.unit)[0]:.3g}{share}" if np.isfinite(sd) else "not identifiable"
-            rows.append((p.name, f"{value:.4g}", cell, unit))
-        caption = f"{r.robot.title}: {r.campaign}. Look for parameters whose sd is a large share of their value."
-        out.append(ReportTable((r.robot.name, "nominal", "predicted sd", "unit"), tuple(rows), caption))
-    return tuple(out)
+    return tuple(
+        ReportTable(
+            (r.robot.name, "nominal", "predicted sd", "unit"),
+            tuple(
+                (p.name, shown_number(p.nominal, p.unit), sd_words(sd, p), unit_shown(p.unit))
+                for p, sd in zip(r.parameters, r.sds, strict=True)
+            ),
+            f"{r.robot.title}: {r.campaign}. Look for parameters whose sd is a large share of their value.",
+        )
+        for r in result.robots
+    )
 
 
 def compare_sections(result: Comparison) -> tuple[Section, ...]:

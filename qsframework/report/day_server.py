@@ -45,7 +45,7 @@ from qsframework.report.words.day import (
     spoilt_words,
 )
 from qsframework.report.words.headline import headline
-from qsframework.report.words.sizes import shown
+from qsframework.report.words.sizes import shown_number, unit_shown
 from qsframework.viz import show_scene
 from qsframework.viz.server import HOST
 
@@ -313,9 +313,8 @@ def _next(day: Day, slot: Slot) -> dict[str, Any]:
 def _so_far(found: SoFar) -> dict[str, Any]:
     rows: list[list[Any]] = []
     for t in found.told:
-        value, unit = shown(t.value, t.unit)
-        sds = [f"{shown(sd, t.unit)[0]:.2g}" for sd in (t.sd, t.predicted)]
-        rows.append([t.name, f"{value:.4g}", *sds, unit, t.enough])
+        sds = [shown_number(sd, t.unit, 2) for sd in (t.sd, t.predicted)]
+        rows.append([t.name, shown_number(t.value, t.unit), *sds, unit_shown(t.unit), t.enough])
     predicted = [t.predicted for t in found.told]
     curves = [
         [visits, [sd / p if 0.0 < sd / p < float("inf") else None for sd, p in zip(sds, predicted, strict=True)]]

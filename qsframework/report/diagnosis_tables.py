@@ -22,7 +22,7 @@ from qsframework.report.words.follow_up import suspect_words
 from qsframework.report.words.headline import check_words
 from qsframework.report.words.law import place_words, variable_words
 from qsframework.report.words.next_steps import next_steps
-from qsframework.report.words.sizes import people_estimate, people_size, three
+from qsframework.report.words.sizes import mm, number, people_estimate, people_size, three
 
 _STRONGEST = 12
 FOLDED = 10
@@ -95,9 +95,10 @@ def doubtful_table(diagnosis: Diagnosis) -> ReportTable:
 
 def alone_table(diagnosis: Diagnosis) -> ReportTable:
     """Causes that are plain by themselves and show nothing beside the named ones."""
-    rows = tuple((x.name, _size(x.s), chance(x.p_value), _nearest(x), limit_words(x)) for x in diagnosis.plain_alone)
+    alone = diagnosis.plain_alone
+    rows = tuple((x.name, number(x.s, ".1f"), chance(x.p_value), _nearest(x), limit_words(x)) for x in alone)
     return ReportTable(
-        (status_words(diagnosis.plain_alone[0], diagnosis) if rows else "", "s alone", "adjusted p alone", *_BESIDE),
+        (status_words(alone[0], diagnosis) if rows else "", "s alone", "adjusted p alone", *_BESIDE),
         rows,
         "Each of these looks plain by itself, because it does in part what a named cause does. Beside the named ones "
         "nothing of it is left; the bound says how large it could still be.",
@@ -138,7 +139,7 @@ def _row(x: Line, diagnosis: Diagnosis) -> tuple[str, ...]:
     near = f"{owner or x.nearest}, {degrees(angle)}" if owner or x.nearest else "-"
     status = status_words(x, diagnosis)
     status = f"{status} {limit_words(x)}" if status == Status.EXCLUDED.value else status
-    return x.name, estimate_words(x.values) or "-", _size(x.s), chance(x.p_value), "-", "-", near, status
+    return x.name, estimate_words(x.values) or "-", number(x.s, ".1f"), chance(x.p_value), "-", "-", near, status
 
 
 def all_causes_table(diagnosis: Diagnosis) -> ReportTable:
@@ -149,7 +150,7 @@ def all_causes_table(diagnosis: Diagnosis) -> ReportTable:
         (
             x.name,
             status_words(x, diagnosis),
-            _size(x.s),
+            number(x.s, ".1f"),
             chance(x.p_value),
             limit_words(x) or "-",
             _nearest(x),
@@ -229,14 +230,14 @@ def _parts(name: str) -> tuple[str, str]:
 def error_rows(diagnosis: Diagnosis) -> ReportTable:
     """3D RMS on the readings and held out."""
     e, learned = diagnosis.rms.space, diagnosis.learned
-    gain = _mm(diagnosis.rms.in_space(learned.heldout)) if learned is not None and learned.holds else ""
+    gain = mm(diagnosis.rms.in_space(learned.heldout)) if learned is not None and learned.holds else ""
     law = [("extended with the learned correction", "-", gain)] if gain else []
     rows = (
-        ("nominal model", _mm(e.nominal), "-"),
-        ("identified", _mm(e.identified), _mm(e.heldout_identified)),
-        ("extended with the named causes", _mm(e.extended), _mm(e.heldout_extended)),
+        ("nominal model", mm(e.nominal), "-"),
+        ("identified", mm(e.identified), mm(e.heldout_identified)),
+        ("extended with the named causes", mm(e.extended), mm(e.heldout_extended)),
         *law,
-        ("noise alone", _mm(e.noise), _mm(e.noise)),
+        ("noise alone", mm(e.noise), mm(e.noise)),
     )
     return ReportTable(
         ("3D RMS, mm", "on the readings", "held-out"),
@@ -249,7 +250,7 @@ def error_rows(diagnosis: Diagnosis) -> ReportTable:
 def convention_table(diagnosis: Diagnosis) -> ReportTable:
     """Conventions under which the readings fit better than as given."""
     rows = tuple(
-        (c.name, three(c.value), _mm(c.rms_given), _mm(c.rms), f"{c.evidence:.1f}", "adopted" if c.compelling else "no")
+        (c.name, three(c.value), mm(c.rms_given), mm(c.rms), f"{c.evidence:.1f}", "adopted" if c.compelling else "no")
         for c in diagnosis.conventions
     )
     return ReportTable(
@@ -347,11 +348,3 @@ def chance(p: float) -> str:
     if not np.isfinite(p):
         return "-"
     return "< 1e-16" if p < 1e-16 else f"{p:.2g}"
-
-
-def _size(s: float) -> str:
-    return f"{s:.1f}" if np.isfinite(s) else "-"
-
-
-def _mm(value: float) -> str:
-    return f"{1e3 * value:.3f}" if np.isfinite(value) else "-"

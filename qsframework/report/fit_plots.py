@@ -15,6 +15,7 @@ from qsframework.report.blocks import Figure, ReportTable
 from qsframework.report.numbers import MATRIX, row_table
 from qsframework.report.parameter_plots import correlation_figure, parameter_figure
 from qsframework.report.plots import AFTER, BEFORE, BLACK, BLUE, DASHES, GREY, ORANGE, SKY, blank, panels, plotted
+from qsframework.report.words.sizes import mm, number
 
 AXES = ("x", "y", "z")
 _QUANTILE = 95
@@ -67,8 +68,9 @@ def _measured_predicted(fit: Fit) -> Figure:
         yaxis={"range": ends, "scaleanchor": "x", "constrain": "domain"},
     )
     header = ("row", "pose", *(f"{what} d{a} mm" for what in ("predicted", "measured") for a in AXES))
-    values = np.column_stack([fit.predicted, fit.measured]) * 1e3
-    rows = tuple((str(fit.lines[r]), fit.poses[r], *(_number(v, 4) for v in values[r])) for r in at)
+    rows = tuple(
+        (str(fit.lines[r]), fit.poses[r], *(mm(v, 4) for v in (*fit.predicted[r], *fit.measured[r]))) for r in at
+    )
     return Figure(
         figure,
         "Both axes have one scale. Look for a slope: points should lie on the line; another slope says that the "
@@ -218,17 +220,12 @@ def workspace_figure(fit: Fit, readings: Readings, pose: Indices, marker: Indice
 def residual_table(rows: Any, poses: Any, left: Array, student: Array) -> ReportTable:
     """Residuals (R, 3) m and in units of their sd, by row of the file."""
     header = ("row", "pose", *(f"{a}, mm" for a in AXES), *(f"{a} / its sd" for a in AXES))
-    lines = zip(rows, poses, left * 1e3, student, strict=True)
+    lines = zip(rows, poses, left, student, strict=True)
     return ReportTable(
         header,
-        tuple((str(r), str(p), *(_number(v, 4) for v in a), *(_number(v, 2) for v in b)) for r, p, a, b in lines),
+        tuple((str(r), str(p), *(mm(v, 4) for v in a), *(number(v, ".2f") for v in b)) for r, p, a, b in lines),
         "Measured minus predicted.",
     )
-
-
-def _number(value: float, digits: int) -> str:
-    """A number, a dash where nothing was measured."""
-    return f"{value:.{digits}f}" if np.isfinite(value) else "-"
 
 
 def _poses(fit: Fit, at: Indices) -> list[str]:

@@ -18,7 +18,14 @@ from qsframework.report.numbers import MATRIX
 from qsframework.report.parameter_plots import correlation_blocks, correlation_figure
 from qsframework.report.residual_view import residual_view
 from qsframework.report.words.fit import STATES, alignment_words, first_words, listed_names, verdict_words
-from qsframework.report.words.sizes import shown, stiffness_words, with_sd
+from qsframework.report.words.sizes import (
+    number,
+    shown_number,
+    shown_with_sd,
+    stiffness_words,
+    unit_shown,
+    unquoted,
+)
 
 _SAME = 1.005
 """A total sd that is larger than that of the noise by less than this is not worth a word."""
@@ -61,7 +68,7 @@ def _cell(column: FitColumn, fit: Fit, e: Estimate) -> str:
     """A cell as people read it; "-" for nothing."""
     value = column.value(fit, e)
     if isinstance(value, str):
-        return shown(1.0, value)[1] if column.unit == OWN else value
+        return unit_shown(value) if column.unit == OWN else value
     if column.sd is not None:
         return _value(e)
     if value is None or np.isnan(value):
@@ -72,7 +79,7 @@ def _cell(column: FitColumn, fit: Fit, e: Estimate) -> str:
         return _percent(100 * value)
     if column.unit == "stiffness":
         return stiffness_words(e.unit, 1.0 / value)
-    return f"{shown(value, e.unit)[0]:.4g}" if column.unit == OWN else f"{value:+.2f}"
+    return shown_number(value, e.unit) if column.unit == OWN else f"{value:+.2f}"
 
 
 def _percent(share: float) -> str:
@@ -86,8 +93,8 @@ def interval_tables(fit: Fit) -> tuple[ReportTable, ...]:
         return ()
     rows: list[tuple[str, ...]] = []
     for e, i in ((e, i) for i in fit.intervals for e in fit.estimates if e.name == i.name):
-        ends = (shown(v, e.unit)[0] for v in (i.lower, i.upper, *i.linear))
-        rows.append((i.name, f"{100 * i.level:.0f} %", *(f"{v:.4g}" for v in ends), shown(e.value, e.unit)[1]))
+        ends = (shown_number(v, e.unit) for v in (i.lower, i.upper, *i.linear))
+        rows.append((i.name, f"{100 * i.level:.0f} %", *ends, unit_shown(e.unit)))
     header = ("parameter", "level", "from", "to", "value - t sd", "value + t sd", "unit")
     caption = (
         "Profile intervals: within them the best fit of the other parameters is not significantly worse. Where they "
@@ -124,9 +131,8 @@ def _quoted(e: Estimate) -> bool:
 
 def _value(e: Estimate) -> str:
     """The value with its sd, in its table's unit."""
-    if _quoted(e):
-        return with_sd(*(shown(v, e.unit)[0] for v in (e.value, e.sd)))
-    return f"{shown(e.value, e.unit)[0]:.4g} ({'at bound' if np.isnan(e.sd) else 'fixed'})"
+    text = shown_with_sd(e.value, e.sd, e.unit)
+    return text if _quoted(e) else f"{text} {unquoted(e.sd)}"
 
 
 def _shared(fit: Fit) -> str:
@@ -141,7 +147,7 @@ def _total(fit: Fit) -> str:
     said = [
         f"{e.name} {_percent(100 * total / abs(e.initial))}"
         if e.initial
-        else f"{e.name} {shown(total, e.unit)[0]:.2g} {shown(total, e.unit)[1]}"
+        else f"{e.name} {shown_number(total, e.unit, 2)} {unit_shown(e.unit)}"
         for e, total in zip(fit.estimates, fit.sd_total, strict=True)
         if _quoted(e) and total > _SAME * e.sd
     ]
@@ -203,7 +209,7 @@ def not_estimated_table(fit: Fit) -> ReportTable:
         (
             entry.name,
             listed_names(entry.correlated_with) or "no effect",
-            "-" if np.isinf(entry.sd) else f"{entry.sd:.2g}",
+            number(entry.sd, ".2g"),
         )
         for entry in fit.not_estimated
     )

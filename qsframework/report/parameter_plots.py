@@ -11,7 +11,7 @@ from qsframework.identify import Estimate, Fit, FitRecord
 from qsframework.report.blocks import Block, Figure, Lines, ReportTable, Text
 from qsframework.report.numbers import MATRIX, matrix_table
 from qsframework.report.plots import AFTER, AMBER, BEFORE, BLACK, BLUE, GREEN, GREY, blank, panels
-from qsframework.report.words.sizes import shown, value_words
+from qsframework.report.words.sizes import shown, unit_shown, value_words
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure as Plot
@@ -75,7 +75,7 @@ def _short(name: str, kind: str) -> str:
 
 def _unit(e: Estimate) -> str:
     """Changes are per cent where there is a nominal value, else in the unit in which the value is shown."""
-    return "%" if e.initial else shown(1.0, e.unit)[1]
+    return "%" if e.initial else unit_shown(e.unit)
 
 
 def _change(e: Estimate, value: float) -> float:

@@ -39,7 +39,7 @@ from qsframework.report.words.compensation import compensation_verdict
 from qsframework.report.words.fit import fit_verdict
 from qsframework.report.words.headline import headline
 from qsframework.report.words.plan import certificate_text
-from qsframework.report.words.sizes import shown
+from qsframework.report.words.sizes import mm, shown_number, unit_shown
 from qsframework.report.words.validation import validation_verdict
 from qsframework.robot import Robot
 from qsframework.terminal import paragraphs, table_lines, width
@@ -155,7 +155,7 @@ def _readings(readings: Readings) -> ResultView:
         (
             readings.pose[i],
             str(readings.kind[i]),
-            *(_mm(v) for v in readings.value[i]),
+            *map(mm, readings.value[i]),
             ", ".join(f"{f:.0f}" for f in loads[i]),
             "" if readings.use[i] else "masked",
         )
@@ -234,7 +234,7 @@ def _experiment(experiment: Experiment) -> ResultView:
         f"{len(parameters)} parameters to estimate, {len(experiment.markers)} markers, {len(experiment.loads)} loads"
     )
     said = f"{experiment.path}: {experiment.robot.title}, {counts}"
-    rows = tuple((p.name, f"{shown(p.nominal, p.unit)[0]:.4g}", shown(p.nominal, p.unit)[1]) for p in parameters)
+    rows = tuple((p.name, shown_number(p.nominal, p.unit), unit_shown(p.unit)) for p in parameters)
     return ResultView(said, (_first(("parameter", "nominal", "unit"), rows),), columns)
 
 
@@ -264,7 +264,7 @@ def _targets(targets: Targets) -> ResultView:
     columns |= {f"{axis}_m": targets.wanted.position[:, k] for k, axis in enumerate("xyz")}
     columns |= {name: targets.wrench[:, k] for k, name in enumerate(WRENCH_NAMES)}
     rows = tuple(
-        (name, *map(_mm, at), ", ".join(f"{f:.0f}" for f in wrench[:3]))
+        (name, *map(mm, at), ", ".join(f"{f:.0f}" for f in wrench[:3]))
         for name, at, wrench in zip(targets.name, targets.wanted.position, targets.wrench, strict=True)
     )
     said = f"{len(targets)} {'Cartesian' if targets.cartesian else 'joint'} targets, from {targets.path or 'Python'}"
@@ -312,7 +312,3 @@ def _first(header: tuple[str, ...], rows: tuple[tuple[str, ...], ...], caption: 
 
 def _said(verdict: Verdict) -> str:
     return f"{verdict.word}: {verdict.said}"
-
-
-def _mm(value: Array | float) -> str:
-    return f"{1e3 * float(value):.3f}" if np.isfinite(value) else "-"
