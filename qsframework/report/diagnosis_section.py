@@ -9,8 +9,8 @@ from qsframework.diagnose.result import Diagnosis
 from qsframework.diagnose.second_day import FollowUp
 from qsframework.report import diagnosis_plots as plots, diagnosis_tables as tables
 from qsframework.report.blocks import Block, Section, Text
+from qsframework.report.fit_plots import residual_view
 from qsframework.report.provenance import EQUILIBRIUM, LEAST_SQUARES, LINEAR, provenance_section
-from qsframework.report.residual_view import residual_view
 from qsframework.report.words.diagnosis import method_words
 from qsframework.report.words.follow_up import follow_up_words
 from qsframework.report.words.noise import audit_words, misfit_words

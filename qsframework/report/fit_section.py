@@ -12,11 +12,16 @@ from qsframework.experiment.observations import values_before
 from qsframework.identify import Estimate, Fit, FitRecord, Masked
 from qsframework.identify.columns import COLUMNS, ERRORS, OWN, FitColumn
 from qsframework.report.blocks import Block, ReportTable, SceneView, Section, Text
-from qsframework.report.fit_plots import fit_figures, residual_figures, workspace_figure
+from qsframework.report.fit_plots import (
+    correlation_blocks,
+    correlation_figure,
+    fit_figures,
+    residual_figures,
+    residual_view,
+    workspace_figure,
+)
 from qsframework.report.moved_section import moved_table, moved_words
 from qsframework.report.numbers import MATRIX
-from qsframework.report.parameter_plots import correlation_blocks, correlation_figure
-from qsframework.report.residual_view import residual_view
 from qsframework.report.words.fit import STATES, alignment_words, first_words, listed_names, verdict_words
 from qsframework.report.words.sizes import (
     number,

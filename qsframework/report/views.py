@@ -26,9 +26,8 @@ from qsframework.report.compare_section import path_figure, sd_tables, summary_t
 from qsframework.report.compensation_section import target_table
 from qsframework.report.diagnosis_plots import budget_figure
 from qsframework.report.diagnosis_tables import cause_table, doubtful_table, error_rows, verdict_groups
-from qsframework.report.fit_plots import distribution_figure
+from qsframework.report.fit_plots import distribution_figure, parameter_figure
 from qsframework.report.fit_section import error_tables, fit_table
-from qsframework.report.parameter_plots import parameter_figure
 from qsframework.report.plan_section import pose_table
 from qsframework.report.plots import COLOURS, SYMBOLS, blank, plotted
 from qsframework.report.robot_section import joint_table

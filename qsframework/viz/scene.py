@@ -8,8 +8,7 @@ import numpy as np
 
 from qsframework.plugin import Array, Indices
 from qsframework.plugin.rotations import homogeneous
-from qsframework.viz.packed import Drawn, corners
-from qsframework.viz.page import render
+from qsframework.viz.page import Drawn, corners, render
 
 Colour = tuple[float, float, float, float]
 Text = tuple[str, str, tuple[float, ...], str, int]

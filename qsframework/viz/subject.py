@@ -17,11 +17,11 @@ from qsframework.experiment import (
     Readings,
     StatedNoise,
     make_plan,
+    make_rows,
 )
 from qsframework.plugin import Array, Indices, Poses
 from qsframework.plugin.facts import frozen
 from qsframework.robot import Robot
-from qsframework.viz.residual_arrows import residuals
 from qsframework.viz.show_scene import Residuals, place_poses
 
 MOST = 40
@@ -77,6 +77,28 @@ def one_pose(experiment: Experiment, pendant: Array | None, load: Array | None) 
     words = ", ".join(f"{value:.4g}" for value in controller.units.shown(pendant))
     poses = Poses(pendant[None], controller.to_joints(pendant[None]), np.asarray(load)[None])
     return make_plan(poses, [name], names=[f"{words} {controller.units.one}"])
+
+
+def residuals(
+    experiment: Experiment, readings: Readings, x: Array, frames: Sequence[Frame] = (), linear: bool = False
+) -> tuple[ReadingRows, Array]:
+    """Rows that are used, and measured minus predicted (R, 3) m in the base's axes, at parameters x.
+
+    frames: of the series that nobody knows, as a fit found them; those that it does not hold are found anew
+    """
+    rows, model = make_rows(readings), experiment.model()
+    held = {f.series: f for f in frames}
+    names = [readings.frames[f] for f in rows.estimated]
+    own = [held[n] for n in names] if set(names) <= set(held) else rows.start(model, x)
+    missed = rows.padded(np.nan_to_num(rows.measured) - rows.predict(model, x, own, linear))
+    if readings.axes is not None:
+        missed = np.einsum("rji,rj->ri", readings.axes[rows.keep], missed)
+    known = dict(zip(rows.estimated, own, strict=True))
+    for f, frame in enumerate(readings.known):
+        at = rows.frame == f
+        if at.any():
+            missed[at] = missed[at] @ (frame or known[f]).rotation
+    return rows, missed
 
 
 def measured(

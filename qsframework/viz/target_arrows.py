@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from qsframework.plugin import Array
-from qsframework.viz.ellipsoids import draw_ellipsoid
+from qsframework.viz.deflection import draw_ellipsoid
 from qsframework.viz.residual_scene import AFTER, BEFORE
 from qsframework.viz.scene import Colour, Scene
 

@@ -1,4 +1,4 @@
-"""Robots at a task, one at a time: the path, and the arm at the point of it where it gives most."""
+"""Robots one at a time: at a task, where each deflects most along its path, or at zero angles."""
 
 from __future__ import annotations
 
@@ -8,12 +8,11 @@ import numpy as np
 
 from qsframework.plugin import Array
 from qsframework.robot import Robot
-from qsframework.viz.ghosts import draw_way
 from qsframework.viz.meshes import Meshes
-from qsframework.viz.robot_shapes import draw_robot, link_frames, reach
+from qsframework.viz.robot_shapes import draw_robot, draw_way, link_frames, reach
 from qsframework.viz.scene import Colour, Scene, placed_at
 from qsframework.viz.show_scene import place_poses
-from qsframework.viz.subject import robot_alone
+from qsframework.viz.subject import one_pose, robot_alone
 
 _POINT: Colour = (0.1, 0.3, 0.9, 1.0)
 _WORST: Colour = (0.8, 0.1, 0.1, 1.0)
@@ -43,4 +42,19 @@ def task_scene(robots: Sequence[Robot], pendant: Sequence[Array], moved: Sequenc
         scene.sphere(f"path/{k}", 0.025, placed_at(point), _POINT)
     draw_way(scene, "path/way", points)
     scene.layer("path", "path")
+    return scene
+
+
+def robot_row(robots: Sequence[Robot]) -> Scene:
+    """Every robot as a step of the slider, at zero pendant angles or the nearest allowed ones."""
+    scene = Scene(title="robots", first=1, size=0.75 * max((reach(r.facts) for r in robots), default=3.0))
+    for i, robot in enumerate(robots):
+        experiment = robot_alone(robot, np.zeros(3))
+        q = one_pose(experiment, None, None).q
+        links = link_frames(place_poses(experiment, q).placed, 0)
+        meshes = Meshes(robot)
+        scene.notes += meshes.notes
+        draw_robot(scene, f"robots/{i}", robot, links, q[0], meshes=meshes)
+        scene.axes(f"robots/{i}/flange", links[robot.flange.link] @ robot.flange.placement, 0.2)
+        scene.step(f"robots/{i}", robot.title)
     return scene

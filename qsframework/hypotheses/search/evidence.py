@@ -21,7 +21,7 @@ import numpy as np
 from qsframework.estimation.projection import Flags
 from qsframework.estimation.variance_component import with_variance
 from qsframework.estimation.visit_noise import Reml
-from qsframework.hypotheses.search.null_draws import null_draws
+from qsframework.hypotheses.search.family_test import null_draws
 from qsframework.plugin import Array, Indices
 
 TAUS = np.geomspace(0.7, 200.0, 11)
