@@ -238,7 +238,7 @@ def _back(model: Model, fitted: Sequence[str], values: Array) -> Array:
     index = model.index(fitted)
     own = [model.parameters[i] for i in index]
     far = [0.0 if p.pull is None else (p.null or 0.0) - v for p, v in zip(own, values[index], strict=True)]
-    return np.asarray(far / scales(own), dtype=np.float64)
+    return far / scales(own)
 
 
 def _split(white: Array, first: int, causes: Sequence[Cause]) -> tuple[Array, tuple[Array, ...]]:

@@ -18,8 +18,7 @@ from qsframework.estimation.projection import Flags, least_squares
 from qsframework.experiment import Experiment, ObservationModel, ReadingRows, Readings, observation_model
 from qsframework.experiment.observations import make_rows
 from qsframework.hypotheses.catalogue.rows import Finding, finding, lines
-from qsframework.hypotheses.linearized import agreed
-from qsframework.hypotheses.visits import visits_of
+from qsframework.hypotheses.linearized import agreed, visits_of
 from qsframework.plugin import Array, Effect, Indices
 from qsframework.plugin.build import build_effects
 from qsframework.plugin.registry import with_role
@@ -173,7 +172,7 @@ def _agreed(seen: ObservationModel) -> Agreed:
     held = held_naturally(seen, scale)
 
     def beyond(misfit: Array, wrong: Flags, _: LinearFit | None) -> Flags:
-        return np.asarray(_in_sds(seen, misfit, wrong) > GROSS, dtype=np.bool_)
+        return _in_sds(seen, misfit, wrong) > GROSS
 
     return agreed(seen, np.arange(len(rows.keep)), beyond, rows.noise, scale, held)[0]
 

@@ -16,9 +16,8 @@ from qsframework.estimation.projection import Flags
 from qsframework.estimation.tails import chi2_isf
 from qsframework.experiment import Experiment, Frame, ObservationModel, ReadingRows, Readings, observation_model
 from qsframework.experiment.frames import motion_count, spans
-from qsframework.hypotheses.linearized import agreed
+from qsframework.hypotheses.linearized import Visits, agreed, stops_of, visits_of
 from qsframework.hypotheses.outliers import held_naturally, widened
-from qsframework.hypotheses.visits import Visits, stops_of, visits_of
 from qsframework.plugin import Array, Indices
 
 _CHANCE = 1e-6

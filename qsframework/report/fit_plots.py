@@ -435,7 +435,7 @@ def residual_view(
     causes: `effect[where]` of a diagnosis, which glow where they act
     """
     from qsframework.viz import residual_scene
-    from qsframework.viz.residual_scene import MOST
+    from qsframework.viz.scenes import MOST
 
     scene, factor = residual_scene(experiment, readings, kept, *residuals, causes)
     at = readings.plus[kept]

@@ -97,7 +97,7 @@ def half_axes(model: Model, poses: Poses, x: Array | None, force: float) -> Arra
     """Half axes (N, 3, 3), columns, m, of {C f : |f| = force}, C the tip's translational compliance under the load."""
     C = cartesian_compliance(model, poses, x)[:, :3, :3]
     U, size, _ = np.linalg.svd(C)
-    return np.asarray(U * (force * size)[:, None, :], dtype=np.float64)
+    return U * (force * size)[:, None, :]
 
 
 def draw_ellipsoid(scene: Scene, path: str, centre: Array, axes: Array, scale: float, colour: Colour = COLOUR) -> None:

@@ -27,7 +27,6 @@ from qsframework.hypotheses.catalogue.edits import (
     vanishes,
 )
 from qsframework.hypotheses.standing_out import Standing
-from qsframework.plugin import Array
 
 _LEAST = 3
 """Poses of a run below which it is no block."""
@@ -135,17 +134,12 @@ def _framed(standing: Standing, start: Edit) -> float | None:
     error = standing.missed(copied(standing, [start])) * size
     measured = readings.value[start.rows]
     foretold = measured - error
-    R, t = _motion(measured, foretold)
-    rest = (measured @ R.T + t - foretold) / size
+    frame = procrustes(measured, foretold)
+    rest = (measured @ frame.rotation.T + frame.origin - foretold) / size
     columns = np.concatenate([np.tile(np.eye(3), (len(measured), 1, 1)), -cross_matrix(foretold)], axis=2)
     columns = whitened @ (columns / size[..., None]).reshape(-1, 6)
     square = float(np.sum(left(orthonormal(columns), whitened @ rest.ravel()) ** 2))
     return square if square <= standing.usual(error.size) else None
-
-
-def _motion(points: Array, there: Array) -> tuple[Array, Array]:
-    frame = procrustes(points, there)
-    return frame.rotation, frame.origin
 
 
 def in_frame(readings: Readings, edit: Edit) -> Readings:

@@ -12,8 +12,7 @@ import numpy as np
 
 from qsframework.experiment import Readings, observation_model
 from qsframework.hypotheses.hypothesis import Hypothesis
-from qsframework.hypotheses.linearized import Linearized, of_observations
-from qsframework.hypotheses.visits import Visits, stops_of, visits_of
+from qsframework.hypotheses.linearized import Linearized, Visits, of_observations, stops_of, visits_of
 from qsframework.plugin import Array, Indices, Poses
 
 _FALL = 0.8

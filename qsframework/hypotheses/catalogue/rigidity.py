@@ -204,43 +204,33 @@ def orders(tool: MarkerTool, state: int) -> list[Indices]:
     """Other orders (K,) of the markers that were read in a state."""
     read = np.flatnonzero(tool.read[state])
     out: list[Indices] = []
-    tried = permutations(read.tolist()) if len(read) <= _FEW else _exchanges(read.tolist())
-    for chosen in tried:
+    for chosen in permutations(read.tolist()) if len(read) <= _FEW else _exchanges(read.tolist()):
         order = np.arange(len(tool.marker))
         order[read] = chosen
-        if not np.array_equal(order, np.arange(len(order))):
+        if not np.array_equal(order[read], read):
             out.append(order)
     return out
 
 
 def _exchanges(read: list[int]) -> Iterator[list[int]]:
     """Orders in which two or three change places."""
-    for count in (2, 3):
-        for some in combinations(range(len(read)), count):
-            for turn in range(1, count):
-                order = list(read)
-                for k, i in enumerate(some):
-                    order[i] = read[some[(k + turn) % count]]
-                yield order
+    for some in (*combinations(read, 2), *combinations(read, 3)):
+        for turn in range(1, len(some)):
+            places = dict(zip(some, some[turn:] + some[:turn], strict=True))
+            yield [places.get(i, i) for i in read]
 
 
 def mended(tool: MarkerTool, shape: RigidShape, state: int) -> Indices | None:
     """The order of a bad state's markers that the shape allows, None where there is none."""
-    best: tuple[float, Indices] | None = None
-    for order in orders(tool, state):
-        p = float(shape.p_values(tool.ordered(state, order), inside=False)[0])
-        if p > _MENDED and (best is None or p > best[0]):
-            best = p, order
-    return None if best is None else best[1]
+    every = orders(tool, state)
+    p = [float(shape.p_values(tool.ordered(state, order), inside=False)[0]) for order in every]
+    return every[int(np.argmax(p))] if max(p, default=0.0) > _MENDED else None
 
 
 def one_wrong(tool: MarkerTool, shape: RigidShape, state: int) -> int | None:
     """The marker without which a bad state has the shape, None where several would do, or none."""
-    able: list[int] = []
-    for k in np.flatnonzero(tool.read[state]).tolist():
-        rest = tool.without(state, k)
-        if shape.dof(rest)[0] > 0 and float(shape.p_values(rest, inside=False)[0]) > _MENDED:
-            able.append(k)
+    rests = {k: tool.without(state, k) for k in np.flatnonzero(tool.read[state]).tolist()}
+    able = [k for k, t in rests.items() if shape.dof(t)[0] > 0 and shape.p_values(t, inside=False)[0] > _MENDED]
     return able[0] if len(able) == 1 else None
 
 

@@ -49,7 +49,7 @@ def masked(readings: Readings, masks: Iterable[Flags | None]) -> Readings:
 
 def among(readings: Readings, index: Indices) -> Flags:
     """(R,) whether each row is one of those at `index` (k,)."""
-    return np.asarray(np.isin(np.arange(len(readings)), index), dtype=np.bool_)
+    return np.isin(np.arange(len(readings)), index)
 
 
 def finding(name: str, readings: Readings, index: Indices, words: str, mask: bool = True) -> Finding:

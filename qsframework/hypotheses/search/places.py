@@ -142,7 +142,7 @@ class Competition:
 
 def _shares(evidence: Sequence[float]) -> Array:
     odds = np.exp(np.array(evidence) - max(evidence, default=0.0))
-    return np.asarray(odds / max(odds.sum(), 1e-300))
+    return odds / max(odds.sum(), 1e-300)
 
 
 def _mean(evidence: Sequence[float]) -> float:
@@ -269,7 +269,7 @@ def _weighted(a: Array, w: Array) -> Array:
 
 
 def _likelihood(noise: _Noise, rss: Array, log_det: Array) -> Array:
-    return np.asarray(noise.start - 0.5 * (noise.free * np.log(rss / noise.total) + log_det))
+    return noise.start - 0.5 * (noise.free * np.log(rss / noise.total) + log_det)
 
 
 def _with_law(free: _Free, noise: _Noise, Z: Array) -> Array:
