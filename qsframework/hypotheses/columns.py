@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -31,6 +31,15 @@ _CARRIED = 1e-8
 """Share of a direction that other poses carry, below which the fit without a pose is made anew."""
 _ABSORBED = 1e-6
 """Share of a column that must remain beside the fitted ones, else rounding is all that is left of it."""
+
+
+def by_size(sizes: Indices) -> Iterator[tuple[Indices, Indices]]:
+    """Blocks of so many columns (G,) side by side, those of one size together: which (b,), and where they stand (b, k);
+    empty ones are left out."""
+    first = np.cumsum(sizes) - sizes
+    for size in np.unique(sizes[sizes > 0]).tolist():
+        of = np.flatnonzero(sizes == size)
+        yield of, first[of][:, None] + np.arange(size)
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from qsframework.viz.meshes import Meshes
 from qsframework.viz.robot_shapes import draw_robot, draw_way, link_frames, reach
 from qsframework.viz.scene import Colour, Facts, Scene, placed_at
 from qsframework.viz.show_scene import place_poses
-from qsframework.viz.subject import one_pose, robot_alone
+from qsframework.viz.subject import largest_residuals, one_pose, robot_alone
 
 BEFORE: Colour = (0.85, 0.2, 0.1, 1.0)
 AFTER: Colour = (0.1, 0.6, 0.25, 1.0)
@@ -42,16 +42,13 @@ def residual_scene(
     `effect[where]` of a diagnosis, which glow where they act
     """
     measurement = readings.plus[kept]
-    worst = np.zeros(len(readings.poses))
-    np.maximum.at(worst, measurement, np.linalg.norm(before, axis=1))
-    there = np.unique(measurement)
-    chosen = there[np.argsort(-worst[there], kind="stable")][:MOST]
+    states, worst = largest_residuals(readings, measurement, before)
+    order: list[int] = states[:MOST].tolist()
     factor = _LONGEST / max(float(worst.max()), 1e-12)
     scene = Scene(title=f"{experiment.robot.title}: residuals", first=1)
-    state = place_poses(experiment, readings.poses.q[chosen])
+    state = place_poses(experiment, readings.poses.q[order])
     meshes = Meshes(experiment.robot)
     scene.notes += meshes.notes
-    order: list[int] = chosen.tolist()
     for i, m in enumerate(order):
         path = f"poses/{i}"
         links, q = link_frames(state.placed, i), readings.poses.q[m]

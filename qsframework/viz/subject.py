@@ -107,15 +107,22 @@ def measured(
     """The poses with the largest residuals at parameters x, in the order of the readings, and all residuals on them."""
     rows, missed = residuals(experiment, readings, x, frames)
     measurement = rows.plus
-    worst = np.zeros(len(readings.poses))
-    np.maximum.at(worst, measurement, np.linalg.norm(missed, axis=1))
-    there = np.unique(measurement)
-    chosen = np.sort(there[np.argsort(-worst[there], kind="stable")][:MOST])
+    chosen, worst = largest_residuals(readings, measurement, missed)
+    chosen = np.sort(chosen[:MOST])
     names = [f"{readings.states.pose[m]}, residual up to {1e3 * worst[m]:.3f} mm" for m in chosen]
     plan = make_plan(readings.poses.take(chosen), [""] * len(chosen), names=names)
     shown = np.isin(measurement, chosen)
     step = np.searchsorted(chosen, measurement[shown])
     return plan, _placed(experiment, rows.take(shown), missed[shown], step)
+
+
+def largest_residuals(readings: Readings, state: Indices, missed: Array) -> tuple[Indices, Array]:
+    """The states that residuals (R, 3) m are of, by row (R,), the largest first; and the largest residual of each of
+    all states (S,) m."""
+    worst = np.zeros(len(readings.poses))
+    np.maximum.at(worst, state, np.linalg.norm(missed, axis=1))
+    there = np.unique(state)
+    return there[np.argsort(-worst[there], kind="stable")], worst
 
 
 def floating(experiment: Experiment, readings: Readings, x: Array, frames: Sequence[Frame] = ()) -> Residuals:

@@ -21,6 +21,7 @@ import numpy as np
 from qsframework.estimation.projection import Flags
 from qsframework.estimation.variance_component import with_variance
 from qsframework.estimation.visit_noise import Reml
+from qsframework.hypotheses.columns import by_size
 from qsframework.hypotheses.search.family_test import null_draws
 from qsframework.plugin import Array, Indices
 
@@ -166,19 +167,15 @@ def _parts(blocks: Sequence[Array], fits: Reml, k: int) -> list[_Seen]:
     """The directions of the blocks that the fit in noise k leaves enough of."""
     white = np.ascontiguousarray(fits.noise.noises[k].whiten(np.concatenate(blocks, axis=1)).T)
     fitted = white @ fits.Q[k]
-    sizes: Indices = np.array([b.shape[1] for b in blocks], dtype=np.intp)
-    first: Indices = np.cumsum(sizes) - sizes
     out: list[_Seen] = []
-    for count in np.unique(sizes[sizes > 0]).tolist():
-        of = np.flatnonzero(sizes == count)
-        at: Indices = first[of][:, None] + np.arange(int(count))
+    for of, at in by_size(np.array([b.shape[1] for b in blocks], dtype=np.intp)):
         X, F = white[at], fitted[at]
         products = X @ X.transpose(0, 2, 1)
         largest = np.diagonal(products, axis1=1, axis2=2).max(axis=1)
         values, vectors = np.linalg.eigh(products - F @ F.transpose(0, 2, 1))
         values, vectors = values[:, ::-1], vectors[:, :, ::-1]
         seen = (values > _LEAST**2 * values[:, :1]) & (values > _LEFT**2 * largest[:, None]) & (values > 1e-300)
-        seen &= np.arange(int(count)) < _MOST
+        seen &= np.arange(int(at.shape[1])) < _MOST
         some = seen.any(axis=1)
         weight = np.where(seen, values / np.where(values[:, :1] > 0.0, values[:, :1], 1.0), 0.0)
         turn = vectors / np.sqrt(np.where(seen, values, np.inf))[:, None, :]

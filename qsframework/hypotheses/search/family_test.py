@@ -17,6 +17,7 @@ import numpy as np
 from qsframework.estimation.projection import Flags
 from qsframework.estimation.tails import chi2_sf, f_sf
 from qsframework.estimation.visit_noise import Reml
+from qsframework.hypotheses.columns import by_size
 from qsframework.plugin import Array, Indices
 
 DRAWS = 1000
@@ -107,13 +108,7 @@ class _Bank:
 
 
 def _bank(blocks: Sequence[FamilyBlock]) -> _Bank:
-    sizes: Indices = np.array([b.columns.shape[1] for b in blocks], dtype=np.intp)
-    first: Indices = np.cumsum(sizes) - sizes
-    parts: list[tuple[Indices, Indices]] = []
-    for k in np.unique(sizes[sizes > 0]).tolist():
-        of = np.flatnonzero(sizes == k)
-        at: Indices = first[of][:, None] + np.arange(int(k))
-        parts.append((of, at))
+    parts = by_size(np.array([b.columns.shape[1] for b in blocks], dtype=np.intp))
     columns = np.concatenate([b.columns for b in blocks], axis=1)
     return _Bank(columns, tuple(parts), np.array([b.one_sided for b in blocks], dtype=bool))
 

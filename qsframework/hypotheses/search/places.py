@@ -335,7 +335,7 @@ class _Race:
                 if motion is motions[0]:
                     best = max(best, (float(L.max()), float(_TAUS[L.argmax()]) * noise.unit / size))
         e = float(np.logaddexp.reduce(np.concatenate(found)) - np.log(len(_TAUS) * len(motions)))
-        law = Law(place.law.part, place.law.place, (), axis)
+        law = replace(place.law, axis=axis)
         return PlaceMotion(place, tuple(at), law, e - self.nothing + _prior(place, axis), best[1])
 
     def laws(self, free: Sequence[PlaceMotion], moved: Motions, by: Sequence[Variable]) -> list[PlaceMotion]:
@@ -352,7 +352,7 @@ class _Race:
                 unit, size = self.unit(Z)
                 L = _with_law(beside, noise, self.white(unit.reshape(-1, Z.shape[2]), noise)) + prior[:, None]
                 e = float(np.logaddexp.reduce(L.ravel()) - np.log(L.shape[1])) - self.nothing
-                law = Law(place.law.part, place.law.place, factors, start.law.axis)
+                law = replace(start.law, by=factors)
                 sd = float(_WEIGHTS[L[0].argmax()]) * noise.unit / size
                 far = 0.0 if law.reaches(moved.facts) else _STANDS_IN
                 out.append(PlaceMotion(place, start.at, law, e + _prior(place, start.law.axis) - far, sd))
