@@ -167,9 +167,8 @@ class Case:
         """The same, and all axes of one place that are visible as one cause more."""
         seen = [s.cause for s in self.subspaces() if s.visible]
         groups = groups_of(seen)
-        at = {c.name: self._at(i) for i, c in enumerate(self.causes)}
-        raw = [self.raw[:, at[e.name]] for g in groups for e in g.effects]
         place = {c.name: i for i, c in enumerate(self.causes)}
+        raw = [self.metres(place[e.name]) for g in groups for e in g.effects]
         B = tuple(np.concatenate([self.B[place[e.name]] for e in g.effects], axis=1) for g in groups)
         return replace(
             self,
@@ -268,10 +267,10 @@ def plan_case(
     Of a plan, the case of what it reads: positions in the frames of its stations, each with its own sd.
     """
     if isinstance(poses, Plan):
-        rows = make_rows(planned_readings(experiment, poses))
-        frames = [station_frame(experiment, rows.readings.frames[f]) for f in rows.estimated]
-        return make_case(experiment, rows, fitted, causes, {}, np.zeros_like(rows.measured), frames)
-    nothing = np.zeros((len(poses), len(experiment.markers), 3))
-    planned = displaced(poses, nothing, sigma, [f"{i:09d}" for i in range(len(poses))])
+        planned = planned_readings(experiment, poses)
+    else:
+        nothing = np.zeros((len(poses), len(experiment.markers), 3))
+        planned = displaced(poses, nothing, sigma, [f"{i:09d}" for i in range(len(poses))])
     rows = make_rows(planned)
-    return make_case(experiment, rows, fitted, causes, {}, np.zeros_like(rows.measured))
+    frames = [station_frame(experiment, planned.frames[f]) for f in rows.estimated]
+    return make_case(experiment, rows, fitted, causes, {}, np.zeros_like(rows.measured), frames)

@@ -75,12 +75,16 @@ def settle_fit(
     """
     own = rows.start(model, start) if frames is None else tuple(frames)
     pulled = _weakly(model, names) | dict(priors)
+
+    def settled(frames: tuple[Frame, ...], x: Array, linear: bool = False) -> SettledFit:
+        return _settled(ObservationModel(model, rows, frames, x, tuple(names), linear=linear), pulled)
+
     try:
-        return _settled(ObservationModel(model, rows, own, start, tuple(names)), pulled)
+        return settled(own, start)
     except (NotConverged, InputError):  # the nominal arm may not bear the load that a fitted one does
-        linear = _settled(ObservationModel(model, rows, own, start, tuple(names), linear=True), pulled)
+        linear = settled(own, start, linear=True)
         try:
-            return _settled(ObservationModel(model, rows, linear.frames, linear.x, tuple(names)), pulled)
+            return settled(linear.frames, linear.x)
         except (NotConverged, InputError) as error:
             raise NotConverged(
                 f"the full equilibrium can be fitted neither from where it starts nor from a linear fit: {error}. "

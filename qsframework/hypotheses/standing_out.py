@@ -68,15 +68,10 @@ class Standing:
     def foretold(self, readings: Readings, keep: Indices) -> tuple[Array, Array]:
         """Errors (R, 3) of rows of other readings in units of the noise that is seen, and P (R, 3, f): I + P P' is
         their covariance. Coordinates that were not measured are zero in both."""
-        rows = ReadingRows(
-            readings, keep, np.flatnonzero(np.isfinite(readings.value[keep]).ravel()), np.zeros(len(keep), int)
-        )
-        places = [self.rows.estimated.index(f) for f in rows.estimated]
-        predicted, slopes = rows.rates(
-            self.seen.model, self.seen.x, [self.frames[i] for i in places], self.seen.names, linear=True
-        )
-        J = np.zeros((len(keep), 3, len(self.z)))
+        rows, places = self._rows_of(readings, keep)
         own = [self.frames[i] for i in places]
+        predicted, slopes = rows.rates(self.seen.model, self.seen.x, own, self.seen.names, linear=True)
+        J = np.zeros((len(keep), 3, len(self.z)))
         for here, there in zip(spans(own), places, strict=True):
             J[:, :, spans(self.frames)[there]] = slopes[:, :, here]
         J[:, :, motion_count(self.frames) :] = slopes[:, :, motion_count(own) :]
@@ -89,15 +84,17 @@ class Standing:
 
     def missed(self, readings: Readings) -> Array:
         """Errors (R, 3) of all rows of other readings as `foretold` has them, without what foretells them: faster."""
-        keep = np.arange(len(readings))
-        rows = ReadingRows(
-            readings, keep, np.flatnonzero(np.isfinite(readings.value).ravel()), np.zeros(len(keep), int)
-        )
-        places = [self.rows.estimated.index(f) for f in rows.estimated]
+        rows, places = self._rows_of(readings, np.arange(len(readings)))
         step = _STEP * scales(list(self.seen.parameters)) * self.z
         there = [self._predicted(rows, places, sign * step) for sign in (1.0, -1.0)]
         predicted = 0.5 * (there[0] + there[1]) + (there[0] - there[1]) / (2.0 * _STEP)
         return np.where(rows.mask, (rows.measured - predicted) / (rows.sigma * self.unit), 0.0)
+
+    def _rows_of(self, readings: Readings, keep: Indices) -> tuple[ReadingRows, list[int]]:
+        """Rows of other readings, and which of the frames are theirs."""
+        at = np.flatnonzero(np.isfinite(readings.value[keep]).ravel())
+        rows = ReadingRows(readings, keep, at, np.zeros(len(keep), int))
+        return rows, [self.rows.estimated.index(f) for f in rows.estimated]
 
     def _predicted(self, rows: ReadingRows, places: Sequence[int], step: Array) -> Array:
         """What the tangent model says (R, 3) after motions of the frames and changes of the parameters."""

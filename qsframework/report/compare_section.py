@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import html
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from qsframework.applications.compare import Compared, Comparison
 from qsframework.plugin import Array
-from qsframework.report.blocks import Figure, ReportTable, SceneView, Section, Text
+from qsframework.report.blocks import Figure, Plot, ReportTable, SceneView, Section, Text
 from qsframework.report.numbers import row_table
 from qsframework.report.plan_section import sd_words
 from qsframework.report.plots import COLOURS, ORANGE, SYMBOLS, blank, log_axis, panels, round_ticks
 from qsframework.report.words.sizes import shown_number, unit_shown
 from qsframework.robot.collision import Flags
 from qsframework.viz import task_scene
-
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure as Plot
 
 
 def summary_table(result: Comparison) -> ReportTable:
@@ -69,7 +66,12 @@ def sd_tables(result: Comparison) -> tuple[ReportTable, ...]:
         ReportTable(
             (r.robot.name, "nominal", "predicted sd", "unit"),
             tuple(
-                (p.name, shown_number(p.nominal, p.unit), sd_words(sd, p), unit_shown(p.unit))
+                (
+                    p.name,
+                    shown_number(p.nominal, p.unit),
+                    sd_words(sd, p),
+                    unit_shown(p.unit),
+                )
                 for p, sd in zip(r.parameters, r.sds, strict=True)
             ),
             f"{r.robot.title}: {r.campaign}. Look for parameters whose sd is a large share of their value.",
@@ -82,20 +84,22 @@ def compare_sections(result: Comparison) -> tuple[Section, ...]:
     """Summary, maps, path and campaign."""
     notes = tuple(Text(f"{r.robot.name}: {note}.") for r in result.robots for note in r.notes)
     maps = (
-        Figure(
-            heat_maps(result, [r.deflection * 1e3 for r in result.robots], "mm", "Deflection under the map's force"),
+        _map(
+            result,
+            [r.deflection * 1e3 for r in result.robots],
+            "mm",
+            "Deflection under the map's force",
             "All maps share one colour scale, in powers of ten: darker gives more; grey cells are not reached with the "
             "tool pointing that way. Look for robots that are dark where the work (crosses) is, and for jumps, where "
             "the arm changes its posture.",
-            map_table(result, [r.deflection * 1e3 for r in result.robots], "mm"),
-            wide=True,
         ),
-        Figure(
-            heat_maps(result, [r.softest * 1e-6 for r in result.robots], "N/um", "Stiffness in the softest direction"),
+        _map(
+            result,
+            [r.softest * 1e-6 for r in result.robots],
+            "N/um",
+            "Stiffness in the softest direction",
             "The force per micrometre in the direction that gives most, in powers of ten. Darker is stiffer. Look at "
             "the smallest value in the part of the workspace that the task needs.",
-            map_table(result, [r.softest * 1e-6 for r in result.robots], "N/um"),
-            wide=True,
         ),
     )
     intro = Text(
@@ -108,6 +112,10 @@ def compare_sections(result: Comparison) -> tuple[Section, ...]:
         Section("Workspace", maps),
         Section("Identifiability", (intro, *sd_tables(result)), folded=True),
     )
+
+
+def _map(result: Comparison, values: list[Array], unit: str, title: str, caption: str) -> Figure:
+    return Figure(heat_maps(result, values, unit, title), caption, map_table(result, values, unit), wide=True)
 
 
 _PATH = (

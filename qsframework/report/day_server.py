@@ -9,6 +9,7 @@ import json
 import threading
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
@@ -110,9 +111,9 @@ class DayPage:
                     return JSONResponse({"error": f"more than {_LARGEST} bytes"}, 413)
                 await run_in_threadpool(self._locked, do, _request(content))
             except QsfError as error:
-                with self._lock:
-                    self._day = _now(self._day)
+                with self._lock, suppress(QsfError):  # as it was where its files cannot be read
                     self._version += 1
+                    self._day = reread(self._day)
                 return JSONResponse({"error": str(error)}, 422)
             except ClientDisconnect:
                 return Response(status_code=400)
@@ -285,14 +286,6 @@ def _ended(end: Callable[[Day], list[str]], day: Day) -> list[str]:
         return end(day)
     except QsfError as error:
         return [str(error)]
-
-
-def _now(day: Day) -> Day:
-    """The day as its files say; as it was where they cannot be read."""
-    try:
-        return reread(day)
-    except QsfError:
-        return day
 
 
 def _next(day: Day, slot: Slot) -> dict[str, Any]:

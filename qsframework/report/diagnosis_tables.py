@@ -22,7 +22,7 @@ from qsframework.report.words.follow_up import suspect_words
 from qsframework.report.words.headline import check_words
 from qsframework.report.words.law import place_words, variable_words
 from qsframework.report.words.next_steps import next_steps
-from qsframework.report.words.sizes import mm, number, people_estimate, people_size, three
+from qsframework.report.words.sizes import grouped, kind_and_place, mm, number, people_estimate, people_size, three
 
 _STRONGEST = 12
 FOLDED = 10
@@ -96,7 +96,16 @@ def doubtful_table(diagnosis: Diagnosis) -> ReportTable:
 def alone_table(diagnosis: Diagnosis) -> ReportTable:
     """Causes that are plain by themselves and show nothing beside the named ones."""
     alone = diagnosis.plain_alone
-    rows = tuple((x.name, number(x.s, ".1f"), chance(x.p_value), _nearest(x), limit_words(x)) for x in alone)
+    rows = tuple(
+        (
+            x.name,
+            number(x.s, ".1f"),
+            chance(x.p_value),
+            _nearest(x),
+            limit_words(x),
+        )
+        for x in alone
+    )
     return ReportTable(
         (status_words(alone[0], diagnosis) if rows else "", "s alone", "adjusted p alone", *_BESIDE),
         rows,
@@ -139,7 +148,16 @@ def _row(x: Line, diagnosis: Diagnosis) -> tuple[str, ...]:
     near = f"{owner or x.nearest}, {degrees(angle)}" if owner or x.nearest else "-"
     status = status_words(x, diagnosis)
     status = f"{status} {limit_words(x)}" if status == Status.EXCLUDED.value else status
-    return x.name, estimate_words(x.values) or "-", number(x.s, ".1f"), chance(x.p_value), "-", "-", near, status
+    return (
+        x.name,
+        estimate_words(x.values) or "-",
+        number(x.s, ".1f"),
+        chance(x.p_value),
+        "-",
+        "-",
+        near,
+        status,
+    )
 
 
 def all_causes_table(diagnosis: Diagnosis) -> ReportTable:
@@ -167,11 +185,9 @@ def all_causes_table(diagnosis: Diagnosis) -> ReportTable:
 
 def excluded_table(diagnosis: Diagnosis, short: bool = False) -> ReportTable:
     """One row for each kind of effect: above which size each place is excluded; short: without stiffnesses."""
-    kinds: dict[str, list[str]] = {}
     excluded = _excluded(diagnosis)
-    for x in sorted(excluded, key=lambda x: x.name):
-        kind, where = _parts(x.name)
-        kinds.setdefault(kind, []).append(f"{where} {limit_words(x, stiffness=not short)}".strip())
+    named = ((*kind_and_place(x.name), limit_words(x, not short)) for x in sorted(excluded, key=lambda x: x.name))
+    kinds = grouped((kind, f"{where} {limit}".strip()) for kind, where, limit in named)
     return ReportTable(
         ("no", "above (95 %)"),
         tuple((kind, "; ".join(bounds)) for kind, bounds in kinds.items()),
@@ -189,13 +205,10 @@ def _excluded(diagnosis: Diagnosis) -> list[Line]:
 
 def unseen_table(diagnosis: Diagnosis) -> ReportTable:
     """One row for each kind of effect of which these readings say nothing, and why."""
-    rows: list[tuple[str, str, str]] = []
     unseen = [x for x in diagnosis.table if x.status in (Status.INVISIBLE, Status.UNTESTED)]
-    kinds: dict[tuple[str, str], list[str]] = {}
-    for x in unseen:
-        why = limit_words(x) if x.status is Status.UNTESTED else x.status.value
-        kind, where = _parts(x.name)
-        kinds.setdefault((kind, why), []).append(where)
+    reasons = (limit_words(x) if x.status is Status.UNTESTED else x.status.value for x in unseen)
+    named = ((*kind_and_place(x.name), why) for x, why in zip(unseen, reasons, strict=True))
+    kinds = grouped(((kind, why), where) for kind, where, why in named)
     rows = [(kind, ", ".join(w for w in places if w) or "-", why) for (kind, why), places in kinds.items()]
     return ReportTable(
         ("nothing is said about", "at", "because"),
@@ -221,12 +234,6 @@ def _many(said: str, count: int) -> str:
     return said if count > FOLDED else ""
 
 
-def _parts(name: str) -> tuple[str, str]:
-    """`joint_backlash[joint_3]` -> joint_backlash, joint_3."""
-    kind, _, where = name.partition("[")
-    return kind, where.removesuffix("]")
-
-
 def error_rows(diagnosis: Diagnosis) -> ReportTable:
     """3D RMS on the readings and held out."""
     e, learned = diagnosis.rms.space, diagnosis.learned
@@ -250,7 +257,14 @@ def error_rows(diagnosis: Diagnosis) -> ReportTable:
 def convention_table(diagnosis: Diagnosis) -> ReportTable:
     """Conventions under which the readings fit better than as given."""
     rows = tuple(
-        (c.name, three(c.value), mm(c.rms_given), mm(c.rms), f"{c.evidence:.1f}", "adopted" if c.compelling else "no")
+        (
+            c.name,
+            three(c.value),
+            mm(c.rms_given),
+            mm(c.rms),
+            f"{c.evidence:.1f}",
+            "adopted" if c.compelling else "no",
+        )
         for c in diagnosis.conventions
     )
     return ReportTable(

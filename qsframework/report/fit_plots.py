@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from qsframework.estimation.tails import normal_isf
 from qsframework.experiment import Experiment, Readings
 from qsframework.identify import Estimate, Fit, FitRecord
 from qsframework.plugin import Array, Indices
-from qsframework.report.blocks import Block, Figure, Lines, ReportTable, SceneView, Text
+from qsframework.report.blocks import Block, Figure, Lines, Plot, ReportTable, SceneView, Text
 from qsframework.report.numbers import MATRIX, matrix_table, row_table
 from qsframework.report.plots import (
     AFTER,
@@ -29,10 +29,7 @@ from qsframework.report.plots import (
     panels,
     plotted,
 )
-from qsframework.report.words.sizes import mm, number, shown, unit_shown, value_words
-
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure as Plot
+from qsframework.report.words.sizes import grouped, mm, number, shown, unit_shown, value_words
 
 AXES = ("x", "y", "z")
 _QUANTILE = 95
@@ -264,9 +261,7 @@ def _labels(fit: Fit, at: Indices) -> list[str]:
 def parameter_figure(fit: Fit, other: FitRecord | None = None) -> Figure:
     """Each estimate with its sd as its change from nominal: a panel for each kind of parameter and unit, each with its
     own axis, so that frames do not set the scale of springs; other: a fit to be shown beside this one."""
-    groups: dict[tuple[str, str], list[Estimate]] = {}
-    for e in (e for e in fit.estimates if np.isfinite(e.value)):
-        groups.setdefault((kind_of(e.name), _unit(e)), []).append(e)
+    groups = grouped(((kind_of(e.name), _unit(e)), e) for e in fit.estimates if np.isfinite(e.value))
     groups = dict(sorted(groups.items(), key=lambda group: group[0][0].startswith("frame")))
     tall = [_ROW * max(len(group), 3) for group in groups.values()]
     height = sum(tall) + _BETWEEN * (len(tall) - 1) + _AROUND
@@ -287,7 +282,13 @@ def parameter_figure(fit: Fit, other: FitRecord | None = None) -> Figure:
     figure.update_layout(barmode="overlay")
     every = [e for group in groups.values() for e in group]
     rows = tuple(
-        (e.name, value_words(e.value, e.sd, e.unit), *(f"{v:.4g}" for v in _changes(e)), _unit(e)) for e in every
+        (
+            e.name,
+            value_words(e.value, e.sd, e.unit),
+            *(f"{v:.4g}" for v in _changes(e)),
+            _unit(e),
+        )
+        for e in every
     )
     return Figure(
         figure,
@@ -343,7 +344,15 @@ def _draw_group(figure: Plot, group: list[Estimate], row: int, other: FitRecord 
         )
     nominal = {**BEFORE, "size": 9}
     labels = list(names.values())
-    figure.add_scatter(x=[0.0] * len(group), y=labels, mode="markers", name="nominal", marker=nominal, **first, **place)
+    figure.add_scatter(
+        x=[0.0] * len(group),
+        y=labels,
+        mode="markers",
+        name="nominal",
+        marker=nominal,
+        **first,
+        **place,
+    )
     figure.add_scatter(
         x=[_changes(e)[0] for e in group],
         y=labels,

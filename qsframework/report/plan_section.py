@@ -35,7 +35,12 @@ def sd_table(parameters: Sequence[Parameter], columns: Mapping[str, Array]) -> R
     return ReportTable(
         ("parameter", "nominal", "unit", *columns),
         tuple(
-            (p.name, shown_number(p.nominal, p.unit), unit_shown(p.unit), *(sd_words(sd, p) for sd in sds))
+            (
+                p.name,
+                shown_number(p.nominal, p.unit),
+                unit_shown(p.unit),
+                *(sd_words(sd, p) for sd in sds),
+            )
             for p, *sds in zip(parameters, *columns.values(), strict=True)
         ),
         "Predicted standard deviation of each plan, from the sensitivities at the nominal values; in brackets its "
@@ -46,7 +51,13 @@ def sd_table(parameters: Sequence[Parameter], columns: Mapping[str, Array]) -> R
 def predicted_table(predicted: Sequence[PredictedUncertainty]) -> ReportTable:
     """What a plan tells of each fitted parameter, and what would tell more."""
     rows = tuple(
-        (p.name, shown_number(p.nominal, p.unit), sd_words(p.sd, p), unit_shown(p.unit), p.help or "ok")
+        (
+            p.name,
+            shown_number(p.nominal, p.unit),
+            sd_words(p.sd, p),
+            unit_shown(p.unit),
+            p.help or "ok",
+        )
         for p in predicted
     )
     return ReportTable(

@@ -14,7 +14,7 @@ import numpy as np
 from qsframework.applications.ordering import turning
 from qsframework.applications.protocol import Protocol, Visit
 from qsframework.files import sha256
-from qsframework.report.printed import write_page
+from qsframework.report.printed import rendered, write_page
 from qsframework.units import JointUnits
 
 _BOX = "\u2610"
@@ -53,12 +53,9 @@ def write_sheet(path: Path, protocol: Protocol, pictures: Sequence[str], files: 
 
     pictures: one SVG for each visit
     """
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("qsframework.report"), autoescape=True, undefined=jinja2.StrictUndefined
-    )
-    page = environment.get_template("sheet.html.j2").render(
+    page = rendered(
+        "sheet.html.j2",
+        {},
         title=f"Protocol: {protocol.title}",
         box=_BOX,
         blanks=_BLANKS,

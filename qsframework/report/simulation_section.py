@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import html
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from qsframework.experiment import Experiment, Plan, Simulation
 from qsframework.plugin import Array
-from qsframework.report.blocks import Figure, ReportTable, SceneView, Section, Text
+from qsframework.report.blocks import Figure, Plot, ReportTable, SceneView, Section, Text
 from qsframework.report.plots import GREY, blank
 from qsframework.report.words.sizes import mm, shown_number, unit_shown
 from qsframework.viz import show_scene
 from qsframework.viz.deflection import deflection
-
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure as Plot
 
 _LOOK = (
     "Bars: how far each marker moves under the load, without noise; the dotted line is the noise of one coordinate. "

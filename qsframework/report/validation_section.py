@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import html
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from qsframework.identify.validate import Validation, ValidationErrors
-from qsframework.report.blocks import Figure, ReportTable, Section, Text
+from qsframework.report.blocks import Figure, Plot, ReportTable, Section, Text
 from qsframework.report.fit_plots import distribution_figure
 from qsframework.report.plots import AFTER, blank
 from qsframework.report.words.sizes import mm
 from qsframework.report.words.validation import validation_words
-
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure as Plot
 
 
 def validation_tables(found: Validation) -> tuple[ReportTable, ...]:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import singledispatch
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from qsframework.identify import Fit
 from qsframework.identify.columns import values_of
 from qsframework.identify.validate import Validation
 from qsframework.plugin import Array
-from qsframework.report.blocks import ReportTable, Verdict
+from qsframework.report.blocks import Plot, ReportTable, Verdict
 from qsframework.report.compare_section import path_figure, sd_tables, summary_table
 from qsframework.report.compensation_section import target_table
 from qsframework.report.diagnosis_plots import budget_figure
@@ -43,9 +43,6 @@ from qsframework.report.words.validation import validation_verdict
 from qsframework.robot import Robot
 from qsframework.terminal import paragraphs, table_lines, width
 from qsframework.units import JointUnits
-
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure as Plot
 
 _AXES = ("x_m", "y_m", "z_m")
 _ROWS = 10

@@ -40,6 +40,17 @@ def reach(facts: RobotFacts) -> float:
     return float(np.linalg.norm(facts.placements[1:, :3, 3], axis=1).sum()) or 1.0
 
 
+def flange_of(robot: Robot, links: Array) -> Array:
+    """The flange's frame (4, 4), its links at (links, 4, 4)."""
+    return links[robot.flange.link] @ robot.flange.placement
+
+
+def bone_end(robot: Robot, link: int) -> Array:
+    """Where a link carries the next joint, or the flange (3,) m, in its own frame."""
+    last = link == robot.facts.n
+    return robot.flange.placement[:3, 3] if last else robot.facts.placements[link][:3, 3]
+
+
 def deflected_look(robot: Robot) -> tuple[Colour, str]:
     """The colour of the deflected arm that is farthest from all colours of the robot, and the ink of its words."""
     own = np.array([s.rgba[:3] for s in (*robot.shapes, *robot.branch_shapes, *robot.meshes)] or [_BONE[:3]])
@@ -105,9 +116,7 @@ def draw_bones(
     for link in range(len(robot.facts.links)):
         if link in solid:
             continue
-        last = link == robot.facts.n
-        end = robot.flange.placement[:3, 3] if last else robot.facts.placements[link][:3, 3]
-        scene.rod(f"{path}/link_{link}/bone", np.zeros(3), end, radius, colour)
+        scene.rod(f"{path}/link_{link}/bone", np.zeros(3), bone_end(robot, link), radius, colour)
         scene.sphere(f"{path}/link_{link}/joint", 1.6 * radius, np.eye(4), colour)
 
 
@@ -160,7 +169,7 @@ def draw_balancers(
 def draw_ghost(scene: Scene, path: str, robot: Robot, links: Array, q: Array) -> None:
     """A pale robot with its flange's frame."""
     draw_robot(scene, path, robot, links, q, _OPACITY, _PALE, frozenset({0}))
-    scene.axes(f"{path}/flange", links[robot.flange.link] @ robot.flange.placement, 0.12)
+    scene.axes(f"{path}/flange", flange_of(robot, links), 0.12)
 
 
 def draw_way(scene: Scene, path: str, points: Array) -> None:

@@ -11,7 +11,7 @@ from qsframework.plugin import Array, Indices
 from qsframework.robot import Robot
 from qsframework.viz.glow import draw_cause, spots
 from qsframework.viz.meshes import Meshes
-from qsframework.viz.robot_shapes import draw_robot, draw_way, link_frames, reach
+from qsframework.viz.robot_shapes import draw_robot, draw_way, flange_of, link_frames, reach
 from qsframework.viz.scene import Colour, Facts, Scene, placed_at
 from qsframework.viz.show_scene import place_poses
 from qsframework.viz.subject import largest_residuals, one_pose, robot_alone
@@ -86,7 +86,7 @@ def task_scene(robots: Sequence[Robot], pendant: Sequence[Array], moved: Sequenc
         links = link_frames(place_poses(robot_alone(robot, np.zeros(3)), q).placed, 0)
         draw_robot(scene, path, robot, links, q[0], meshes=Meshes(robot))
         if held is not None:  # the tool, of which only the point is known
-            scene.rod(f"{path}/tool", (links[robot.flange.link] @ robot.flange.placement)[:3, 3], held, 0.02, _TOOL)
+            scene.rod(f"{path}/tool", flange_of(robot, links)[:3, 3], held, 0.02, _TOOL)
         scene.step(path, label)
     for k, point in enumerate(points):
         scene.sphere(f"path/{k}", 0.025, placed_at(point), _POINT)
@@ -105,6 +105,6 @@ def robot_row(robots: Sequence[Robot]) -> Scene:
         meshes = Meshes(robot)
         scene.notes += meshes.notes
         draw_robot(scene, f"robots/{i}", robot, links, q[0], meshes=meshes)
-        scene.axes(f"robots/{i}/flange", links[robot.flange.link] @ robot.flange.placement, 0.2)
+        scene.axes(f"robots/{i}/flange", flange_of(robot, links), 0.2)
         scene.step(f"robots/{i}", robot.title)
     return scene

@@ -21,6 +21,7 @@ from qsframework.viz.robot_shapes import (
     draw_robot,
     draw_solid,
     draw_way,
+    flange_of,
     link_frames,
     reach,
 )
@@ -154,7 +155,7 @@ class _Drawing:
         scene, robot, path = self.scene, self.experiment.robot, f"poses/{i}"
         links, tip = self.frames[i], self.state.tip.position[:, i]
         draw_robot(scene, f"{path}/robot", robot, links, self.plan.q[i], meshes=self.meshes)
-        scene.axes(f"{path}/robot/flange", links[robot.flange.link] @ robot.flange.placement, 0.25)
+        scene.axes(f"{path}/robot/flange", flange_of(robot, links), 0.25)
         scene.layer("robot", f"{path}/robot")
         for k, marker in enumerate(self.state.markers):
             scene.sphere(f"{path}/markers/{k}", 0.03, placed_at(marker.position[:, i]), _MARKER)

@@ -10,7 +10,7 @@ import numpy as np
 
 from qsframework.elastostatics.so3 import cross_matrix, exponential
 from qsframework.errors import InputError
-from qsframework.estimation.projection import least_squares
+from qsframework.estimation.projection import Flags, least_squares
 from qsframework.experiment import Experiment, Readings, as_shown, observation_model, on_robot
 from qsframework.hypotheses.hypothesis import Hypothesis
 from qsframework.hypotheses.linearized import of_observations
@@ -91,9 +91,14 @@ def _axes(P: Array, what: str) -> str:
     return ", ".join(said)
 
 
+def _in_base(readings: Readings) -> Flags:
+    """Displacements (R,) along the axes of the base."""
+    return ~readings.is_position & (readings.frame < 0) & ~readings.is_gauge
+
+
 def displacement_axes(experiment: Experiment, readings: Readings) -> Iterator[Hypothesis]:
     """Signed permutations of the axes of the displacements; their reversal is a sign convention."""
-    base = ~readings.is_position & (readings.frame < 0) & ~readings.is_gauge
+    base = _in_base(readings)
     if not (base & readings.use).any():  # the axes of a series are found, whatever they are
         return
     for P in _orientations():
@@ -164,7 +169,15 @@ def _in_unit(
     """Columns of the file in another unit than their headers'."""
     names = ", ".join(columns)
     words = f"the columns {names} are in {unit}" if len(columns) > 1 else f"the column {names} is in {unit}"
-    return Hypothesis("column_unit", factor, words, experiment, readings=changed, column=names, shrunk=shrunk)
+    return Hypothesis(
+        "column_unit",
+        factor,
+        words,
+        experiment,
+        readings=changed,
+        column=names,
+        shrunk=shrunk,
+    )
 
 
 def joint_columns(experiment: Experiment, readings: Readings) -> Iterator[Hypothesis]:
@@ -241,7 +254,14 @@ def position_axes(experiment: Experiment, readings: Readings) -> Iterator[Hypoth
         where = f" of series {name}" if name else ""
         words = f"the positions{where} are mirror images: the sign of one axis is reversed, or two are exchanged"
         changed = readings.with_values(value)
-        yield Hypothesis("position_axes", -1.0, words, experiment, readings=changed, column="x, y, z")
+        yield Hypothesis(
+            "position_axes",
+            -1.0,
+            words,
+            experiment,
+            readings=changed,
+            column="x, y, z",
+        )
 
 
 def exchanged_states(experiment: Experiment, readings: Readings) -> Iterator[Hypothesis]:
@@ -267,7 +287,7 @@ def _who(readings: Readings, i: int) -> tuple[object, ...]:
 
 def tracker_axes(experiment: Experiment, readings: Readings) -> Iterator[Hypothesis]:
     """Displacements along the axes of a tracker that nobody aligned: a frame is found for them."""
-    base = ~readings.is_position & (readings.frame < 0) & ~readings.is_gauge
+    base = _in_base(readings)
     if not (base & readings.use).any():
         return
     frame = np.where(base, len(readings.frames), readings.frame)
@@ -278,7 +298,15 @@ def tracker_axes(experiment: Experiment, readings: Readings) -> Iterator[Hypothe
     except InputError:  # too few, or all along one line
         return
     if np.trace(turned) < 1.0 + 2.0 * np.cos(_ALIGNED):
-        yield Hypothesis("tracker_axes", 1.0, words, experiment, readings=changed, column="dx, dy, dz", free=3)
+        yield Hypothesis(
+            "tracker_axes",
+            1.0,
+            words,
+            experiment,
+            readings=changed,
+            column="dx, dy, dz",
+            free=3,
+        )
 
 
 def aligned(experiment: Experiment, turned: Readings, given: Readings) -> Readings:

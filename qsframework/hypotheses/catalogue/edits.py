@@ -195,7 +195,15 @@ def value_edits(readings: Readings, group: PoseVisits) -> Iterator[Edit]:
             value = start.value.copy()
             value[r, i] *= factor
             found, meant, touched = float(start.value[r, i]), float(value[r, i]), start.rows[[r]]
-            yield replace(start, slip=slip, value=value, column=axes[i], found=found, meant=meant, touched=touched)
+            yield replace(
+                start,
+                slip=slip,
+                value=value,
+                column=axes[i],
+                found=found,
+                meant=meant,
+                touched=touched,
+            )
 
 
 def _axes(readings: Readings, group: PoseVisits) -> Sequence[str]:

@@ -176,13 +176,12 @@ def _stuck(fit: Linearized, seen: Visits, stuck: Indices, level: float) -> tuple
 def _realigned(fit: Linearized, run: Slipped) -> Readings:
     """The angles of a run of visits moved by one, up where each has those of the visit before, else down. One visit's
     are then missing, so it is masked."""
-    seen, end = run.seen, len(run.seen) - 1
-    if run.by > 0:
-        poses = _moved_up(fit.readings.poses, seen, range(run.first, run.last))
-    else:
-        poses = _moved_up(fit.readings.poses, seen.reversed(), range(end - run.last, end - run.first))
+    seen, first, last = run.seen, run.first, run.last
+    if run.by < 0:
+        seen, first, last = seen.reversed(), len(seen) - 1 - last, len(seen) - 1 - first
+    poses = _moved_up(fit.readings.poses, seen, range(first, last))
     lost = np.zeros(len(fit.readings), dtype=bool)
-    lost[fit.keep[seen.of == run.lost]] = True
+    lost[fit.keep[run.seen.of == run.lost]] = True
     return fit.readings.with_poses(poses).masked(lost)
 
 

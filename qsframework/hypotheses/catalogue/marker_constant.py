@@ -48,7 +48,15 @@ def marker_constant(fit: Linearized) -> Hypothesis | None:
     value = readings.value.copy()
     value[at] -= off * sight[own]
     words, changed, tried = _described(name, off), readings.with_values(value), len(markers)
-    change = Hypothesis("marker_constant", off, words, fit.experiment, readings=changed, free=1, tried=tried)
+    change = Hypothesis(
+        "marker_constant",
+        off,
+        words,
+        fit.experiment,
+        readings=changed,
+        free=1,
+        tried=tried,
+    )
     return change.at(at)
 
 

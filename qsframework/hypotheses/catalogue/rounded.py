@@ -59,7 +59,14 @@ def rounded_angles(experiment: Experiment, readings: Readings) -> tuple[Hypothes
         "coordinate: write them with all digits of the controller"
     )
     rounded = Hypothesis(
-        "angles_rounded", 1.0, words, experiment, readings=readings, hides=True, column="q", found=step
+        "angles_rounded",
+        1.0,
+        words,
+        experiment,
+        readings=readings,
+        hides=True,
+        column="q",
+        found=step,
     )
     return rounded, 0.5 * found.gain
 

@@ -40,11 +40,15 @@ class HeldOut:
 
     @property
     def rms_identified(self) -> float:
-        return float(np.sqrt(np.sum(self.identified**2) / max(np.count_nonzero(self.identified), 1)))
+        return _rms(self.identified)
 
     @property
     def rms_extended(self) -> float:
-        return float(np.sqrt(np.sum(self.extended**2) / max(np.count_nonzero(self.extended), 1)))
+        return _rms(self.extended)
+
+
+def _rms(errors: Array) -> float:
+    return float(np.sqrt(np.sum(errors**2) / max(np.count_nonzero(errors), 1)))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

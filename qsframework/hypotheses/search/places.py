@@ -145,7 +145,7 @@ def _shares(evidence: Sequence[float]) -> Array:
     return odds / max(odds.sum(), 1e-300)
 
 
-def _mean(evidence: Sequence[float]) -> float:
+def _mean(evidence: Sequence[float] | Array) -> float:
     return float(np.logaddexp.reduce(evidence) - np.log(len(evidence)))
 
 
@@ -364,7 +364,7 @@ class _Race:
         out = list[float]()
         for noise, nothing in zip(self.noises, self._still, strict=True):
             L = _with_law(nothing, noise, self.white(unit.reshape(columns.shape), noise))
-            out.append(float(np.logaddexp.reduce(L.ravel()) - np.log(L.size)))
+            out.append(_mean(L.ravel()))
         return float(np.logaddexp.reduce(out)) - self.nothing
 
     def alike(self, every: Sequence[list[PlaceMotion]]) -> list[list[list[PlaceMotion]]]:

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from typing import TypeVar
 
 from qsframework.plugin import Parameter
 
+K = TypeVar("K")
+V = TypeVar("V")
 _SCALES: dict[str, tuple[tuple[float, str], ...]] = {
     "m": ((1e-3, "mm"), (1e-6, "um")),
     "rad/(N m)": ((1e-6, "urad/(N m)"), (1e-9, "nrad/(N m)")),
@@ -84,6 +88,20 @@ def _digits(value: float, digits: int) -> str:
         return f"{value:.{digits - 1}e}"
     rounded = round(value, digits - 1 - power)
     return f"{rounded:.{max(digits - 1 - power, 0)}f}"
+
+
+def grouped(pairs: Iterable[tuple[K, V]]) -> dict[K, list[V]]:
+    """What belongs to each key, in the order of the first of each."""
+    out: dict[K, list[V]] = {}
+    for key, value in pairs:
+        out.setdefault(key, []).append(value)
+    return out
+
+
+def kind_and_place(name: str) -> tuple[str, str]:
+    """`joint_backlash[joint_3]` -> joint_backlash, joint_3."""
+    kind, _, where = name.partition("[")
+    return kind, where.removesuffix("]")
 
 
 def number(value: float, written: str) -> str:
