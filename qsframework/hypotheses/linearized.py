@@ -123,10 +123,15 @@ def _within(R: Array, z: Array, free: Array, low: Array, high: Array) -> Array:
     return lsq_linear(R, z, (low, wide), method="bvls").x
 
 
+def linear_model(experiment: Experiment, readings: Readings, rows: ReadingRows | None = None) -> ObservationModel:
+    """The experiment's parameters at their nominal values, in frames that suit the readings."""
+    return observation_model(experiment, readings, experiment.fit_names(), linear=True, rows=rows)
+
+
 def linearized(experiment: Experiment, readings: Readings) -> Linearized:
     """The experiment's parameters about their nominal values. NotIdentifiable where the readings identify none, or are
     no more than what they identify: nothing contradicts them then."""
-    fit = of_observations(experiment, observation_model(experiment, readings, experiment.fit_names(), linear=True))
+    fit = of_observations(experiment, linear_model(experiment, readings))
     if fit.fit.dof <= 0:
         raise NotIdentifiable(
             f"{len(fit.errors)} numbers were read for as many parameters and frames: measure more poses, or fit fewer"
@@ -147,7 +152,7 @@ def of_observations(experiment: Experiment, seen: ObservationModel) -> Linearize
 def at_solution(experiment: Experiment, readings: Readings) -> float:
     """RMS (m) of what some steps of Gauss and Newton leave, each within bounds and shortened until it helps: at the
     solution, not at the guess; where readings hardly tell a direction nothing moves along it."""
-    seen = observation_model(experiment, readings, experiment.fit_names(), linear=True)
+    seen = linear_model(experiment, readings)
     rows, size = seen.rows, scales(list(seen.parameters))
     low, high = (np.array([getattr(p, end) for p in seen.parameters]) for end in ("lower", "upper"))
     least, z = np.inf, np.clip(seen.start, low, high)

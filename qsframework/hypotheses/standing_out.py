@@ -14,9 +14,9 @@ import numpy as np
 from qsframework.estimation import Independent, LinearFit, scales
 from qsframework.estimation.projection import Flags
 from qsframework.estimation.tails import chi2_isf
-from qsframework.experiment import Experiment, Frame, ObservationModel, ReadingRows, Readings, observation_model
+from qsframework.experiment import Experiment, Frame, ObservationModel, ReadingRows, Readings
 from qsframework.experiment.frames import motion_count, spans
-from qsframework.hypotheses.linearized import Visits, agreed, stops_of, visits_of
+from qsframework.hypotheses.linearized import Visits, agreed, linear_model, stops_of, visits_of
 from qsframework.hypotheses.outliers import held_naturally, widened
 from qsframework.plugin import Array, Indices
 
@@ -111,10 +111,7 @@ def stand_out(experiment: Experiment, readings: Readings, wide: bool = False) ->
     wide: whole poses, from a model with geometry, springs and sag added, each held to its natural size. What visits
     share is left to the unit.
     """
-    if wide:
-        seen = widened(experiment, readings)
-    else:
-        seen = observation_model(experiment, readings, experiment.fit_names(), linear=True)
+    seen = widened(experiment, readings) if wide else linear_model(experiment, readings)
     rows = seen.rows
     visits = stops_of(rows) if wide else visits_of(rows)
     count = np.bincount(visits.of[rows.row], minlength=len(visits))

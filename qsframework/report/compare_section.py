@@ -12,7 +12,7 @@ from qsframework.plugin import Array
 from qsframework.report.blocks import Figure, Plot, ReportTable, SceneView, Section, Text
 from qsframework.report.numbers import row_table
 from qsframework.report.plan_section import sd_words
-from qsframework.report.plots import COLOURS, ORANGE, SYMBOLS, blank, log_axis, panels, round_ticks
+from qsframework.report.plots import COLOURS, ORANGE, SYMBOLS, blank, log_axis, panels, plotted, round_ticks
 from qsframework.report.words.sizes import shown_number, unit_shown
 from qsframework.robot.collision import Flags
 from qsframework.viz import task_scene
@@ -146,8 +146,7 @@ def heat_maps(result: Comparison, values: list[Array], unit: str, title: str) ->
     figure = panels(f"{title}, {unit}, at y = {task.map_y:g} m", 1, count, names, 420)
     for k, cells in enumerate(values, start=1):
         grid = cells.reshape(len(task.map_z), len(task.map_x))
-        z = [[float(np.log10(v)) if np.isfinite(v) else None for v in row] for row in grid]
-        said = [[float(v) if np.isfinite(v) else None for v in row] for row in grid]
+        z, said = [plotted(np.log10(row)) for row in grid], [plotted(row) for row in grid]
         figure.add_heatmap(
             x=task.map_x.tolist(),
             y=task.map_z.tolist(),
@@ -194,9 +193,10 @@ def path_figure(result: Comparison) -> Plot:
     points = list(range(1, len(result.task.points) + 1))
     for k, r in enumerate(result.robots):
         for values, dash, name in ((r.task, "solid", r.robot.name), (r.after, "dash", f"{r.robot.name}, compensated")):
-            y = [float(v * 1e3) if np.isfinite(v) else None for v in values]
             mark = {"symbol": SYMBOLS[k % len(SYMBOLS)]}
             line = {"dash": dash, "color": COLOURS[k % len(COLOURS)]}
-            figure.add_scatter(x=points, y=y, mode="lines+markers", line=line, marker=mark, name=name)
+            figure.add_scatter(
+                x=points, y=plotted(1e3 * values), mode="lines+markers", line=line, marker=mark, name=name
+            )
     every = np.concatenate([v for r in result.robots for v in (r.task, r.after)])
     return figure.update_layout(yaxis=log_axis(1e3 * every))

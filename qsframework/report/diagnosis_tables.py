@@ -129,7 +129,7 @@ def _nearest(x: Line) -> str:
 
 def _named(f: NamedCause, line: Line | None) -> tuple[str, ...]:
     alternatives = ", ".join(f"{r.name}, {degrees(r.angle)}" for r in f.alternatives)
-    near = f"{line.nearest}, {degrees(line.angle)}" if line is not None and line.nearest else "-"
+    near = "-" if line is None else _nearest(line)
     return (
         f.name,
         estimate_words(f.values),
@@ -143,9 +143,9 @@ def _named(f: NamedCause, line: Line | None) -> tuple[str, ...]:
 
 
 def _row(x: Line, diagnosis: Diagnosis) -> tuple[str, ...]:
-    owner = next((f.name for f in diagnosis.findings if x.name in [r.name for r in f.alternatives]), "")
-    angle = next((r.angle for f in diagnosis.findings for r in f.alternatives if r.name == x.name), x.angle)
-    near = f"{owner or x.nearest}, {degrees(angle)}" if owner or x.nearest else "-"
+    named = ((f.name, r.angle) for f in diagnosis.findings for r in f.alternatives if r.name == x.name)
+    nearest, angle = next(named, (x.nearest, x.angle))
+    near = f"{nearest}, {degrees(angle)}" if nearest else "-"
     status = status_words(x, diagnosis)
     status = f"{status} {limit_words(x)}" if status == Status.EXCLUDED.value else status
     return (
@@ -339,8 +339,7 @@ def trend_table(diagnosis: Diagnosis) -> ReportTable:
             t.variable,
             chance(t.p_value),
             f"{100 * t.share:.0f} %",
-            chance(after[t.variable].p_value) if t.variable in after else "-",
-            f"{100 * after[t.variable].share:.0f} %" if t.variable in after else "-",
+            *((chance(s.p_value), f"{100 * s.share:.0f} %") if (s := after.get(t.variable)) else ("-", "-")),
         )
         for t in diagnosis.before.trends[:_STRONGEST]
     )

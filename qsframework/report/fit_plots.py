@@ -327,9 +327,8 @@ def _changes(e: Estimate) -> tuple[float, float]:
 
 def _draw_group(figure: Plot, group: list[Estimate], row: int, other: FitRecord | None) -> None:
     """Priors, nominal values, estimates and those of another fit in one panel."""
-    place: dict[str, Any] = {"row": row, "col": 1}
     names = {e.name: _short(e.name, kind_of(e.name)) for e in group}
-    first: dict[str, Any] = {"showlegend": row == 1}
+    panel: dict[str, Any] = {"row": row, "col": 1, "showlegend": row == 1}
     prior = [e for e in group if e.prior_sd is not None]
     if prior:
         figure.add_bar(
@@ -339,8 +338,7 @@ def _draw_group(figure: Plot, group: list[Estimate], row: int, other: FitRecord 
             base=[-_change(e, e.prior_sd or 0.0) for e in prior],
             name="prior, 1 sd to each side",
             marker={"color": "rgba(128, 128, 128, 0.25)", "line": {"color": GREY, "width": 1}},
-            **first,
-            **place,
+            **panel,
         )
     nominal = {**BEFORE, "size": 9}
     labels = list(names.values())
@@ -350,8 +348,7 @@ def _draw_group(figure: Plot, group: list[Estimate], row: int, other: FitRecord 
         mode="markers",
         name="nominal",
         marker=nominal,
-        **first,
-        **place,
+        **panel,
     )
     figure.add_scatter(
         x=[_changes(e)[0] for e in group],
@@ -362,8 +359,7 @@ def _draw_group(figure: Plot, group: list[Estimate], row: int, other: FitRecord 
         marker={**AFTER, "size": 8},
         text=[html.escape(f"{e.name}: {value_words(e.value, e.sd, e.unit)}") for e in group],
         hovertemplate="%{text}<extra></extra>",
-        **first,
-        **place,
+        **panel,
     )
     known = {} if other is None else dict(zip(other.names, zip(other.values, other.sd, strict=True), strict=True))
     both = [e for e in group if e.name in known]
@@ -376,8 +372,7 @@ def _draw_group(figure: Plot, group: list[Estimate], row: int, other: FitRecord 
             name="the other fit",
             error_x={"type": "data", "array": sds, "thickness": 2, "color": GREEN},
             marker={"color": GREEN, "symbol": "triangle-up", "size": 9},
-            **first,
-            **place,
+            **panel,
         )
 
 

@@ -8,6 +8,7 @@ import html
 import re
 from collections.abc import Iterator, Sequence
 from importlib.resources import files
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -52,17 +53,9 @@ def _whole(text: str) -> Any:
 
 def _grouped(blocks: Sequence[dict[str, Any]]) -> Iterator[list[dict[str, Any]]]:
     """Pictures that follow each other stand side by side; everything else stands alone."""
-    row: list[dict[str, Any]] = []
-    for block in blocks:
-        if block["kind"] in ("figure", "view") and not block["wide"]:
-            row.append(block)
-            continue
-        if row:
-            yield row
-        row = []
-        yield [block]
-    if row:
-        yield row
+    for beside, group in groupby(blocks, key=lambda block: block["kind"] in ("figure", "view") and not block["wide"]):
+        row = list(group)
+        yield from [row] if beside else ([block] for block in row)
 
 
 def _block(block: Block, name: str) -> dict[str, Any]:

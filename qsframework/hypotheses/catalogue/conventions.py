@@ -11,9 +11,10 @@ import numpy as np
 from qsframework.elastostatics.so3 import cross_matrix, exponential
 from qsframework.errors import InputError
 from qsframework.estimation.projection import Flags, least_squares
-from qsframework.experiment import Experiment, Readings, as_shown, observation_model, on_robot
+from qsframework.experiment import Experiment, Readings, as_shown, on_robot
+from qsframework.hypotheses.catalogue.rows import as_series
 from qsframework.hypotheses.hypothesis import Hypothesis
-from qsframework.hypotheses.linearized import of_observations
+from qsframework.hypotheses.linearized import linear_model, of_observations
 from qsframework.plugin import Array, Indices
 from qsframework.plugin.registry import with_role
 from qsframework.robot import StructuralChange, alternatives
@@ -290,11 +291,10 @@ def tracker_axes(experiment: Experiment, readings: Readings) -> Iterator[Hypothe
     base = _in_base(readings)
     if not (base & readings.use).any():
         return
-    frame = np.where(base, len(readings.frames), readings.frame)
     words = "the displacements are along the axes of the tracker, not of the base"
-    changed = replace(readings, frame=frame, frames=(*readings.frames, TRACKER), known=(*readings.known, None))
+    changed = as_series(readings, base, TRACKER)
     try:
-        turned = observation_model(experiment, changed, experiment.fit_names(), linear=True).frames[-1].rotation
+        turned = linear_model(experiment, changed).frames[-1].rotation
     except InputError:  # too few, or all along one line
         return
     if np.trace(turned) < 1.0 + 2.0 * np.cos(_ALIGNED):
@@ -314,11 +314,10 @@ def aligned(experiment: Experiment, turned: Readings, given: Readings) -> Readin
 
     turned: with the frame that `tracker_axes` gives them; given: the readings before
     """
-    seen = observation_model(experiment, given, experiment.fit_names(), linear=True)
-    fit = of_observations(experiment, seen)
+    fit = of_observations(experiment, linear_model(experiment, given))
     rows = fit.rows
     at = turned.frame[rows.keep] == turned.frames.index(TRACKER)
-    rotation = observation_model(experiment, turned, experiment.fit_names(), linear=True).frames[-1].rotation.T
+    rotation = linear_model(experiment, turned).frames[-1].rotation.T
     predicted = rows.scalars - fit.errors
     for _ in range(_SETTLES):  # the readings are turned and not the model: springs and turns then do not mix
         value = np.where(at[:, None], rows.measured @ rotation.T, rows.measured)

@@ -259,12 +259,10 @@ def repeated_readings(readings: Readings, group: PoseVisits, keep: Indices) -> I
 def exchanges(readings: Readings, one: PoseVisits, two: PoseVisits) -> Iterator[tuple[Edit, Edit]]:
     """The readings of two poses stand at each other's angles, under each other's force or their own, or at their own
     angles under each other's force."""
-    if len(one.states) != len(two.states) or len(one.rows) != len(two.rows):
+    loaded, wrench = readings.states.loaded, readings.poses.wrench
+    if len(one.rows) != len(two.rows) or not np.array_equal(loaded[one.states], loaded[two.states]):
         return
-    if not np.array_equal(readings.states.loaded[one.states], readings.states.loaded[two.states]):
-        return
-    poses = readings.poses
-    same = np.array_equal(poses.wrench[one.states], poses.wrench[two.states])
+    same = np.array_equal(wrench[one.states], wrench[two.states])
     for what in ("q",) if same else ("pose", "q", "force"):
         yield (_taken(readings, one, two, what), _taken(readings, two, one, what))
 

@@ -10,9 +10,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from qsframework.experiment import Readings, observation_model
+from qsframework.experiment import Readings
 from qsframework.hypotheses.hypothesis import Hypothesis
-from qsframework.hypotheses.linearized import Linearized, Visits, of_observations, stops_of, visits_of
+from qsframework.hypotheses.linearized import (
+    Linearized,
+    Visits,
+    linear_model,
+    of_observations,
+    stops_of,
+    visits_of,
+)
 from qsframework.plugin import Array, Indices, Poses
 
 _FALL = 0.8
@@ -151,10 +158,7 @@ def _shifted(fit: Linearized, seen: Visits) -> Linearized:
     """The same readings at the angles of the visit after each (the last one keeps its own)."""
     poses = _moved_up(fit.readings.poses, seen, range(len(seen) - 1))
     rows = replace(fit.rows, readings=fit.readings.with_poses(poses))
-    names = fit.experiment.fit_names()
-    return of_observations(
-        fit.experiment, observation_model(fit.experiment, rows.readings, names, linear=True, rows=rows)
-    )
+    return of_observations(fit.experiment, linear_model(fit.experiment, rows.readings, rows))
 
 
 def _stuck(fit: Linearized, seen: Visits, stuck: Indices, level: float) -> tuple[list[Slipped], float]:

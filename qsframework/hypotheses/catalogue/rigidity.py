@@ -252,6 +252,11 @@ def _names(experiment: Experiment, marker: Indices) -> str:
     return listed([experiment.markers[int(m)].name for m in marker])
 
 
+def _moved(order: Indices) -> Indices:
+    """Where an order has another marker."""
+    return np.flatnonzero(order != np.arange(len(order)))
+
+
 def _exchanged_everywhere(experiment: Experiment, readings: Readings) -> list[Finding]:
     """Markers whose shape is that of the experiment in another order."""
     found: list[Finding] = []
@@ -267,10 +272,9 @@ def _exchanged_everywhere(experiment: Experiment, readings: Readings) -> list[Fi
         )
         if order is None or here < max(_CLEAR * best, _FAR):
             continue
-        marker = tool.marker[np.flatnonzero(order != np.arange(len(order)))]
         words = (
-            f"markers {_names(experiment, marker)} are exchanged in all states: their distances are "
-            f"{here * 1e3:.1f} mm off the experiment's, and {best * 1e3:.1f} mm if exchanged. Change the names"
+            f"markers {_names(experiment, tool.marker[_moved(order)])} are exchanged in all states: their distances "
+            f"are {here * 1e3:.1f} mm off the experiment's, and {best * 1e3:.1f} mm if exchanged. Change the names"
         )
         found.append(_exchanged(readings, tool, slice(None), order, words))
     return found
@@ -289,7 +293,7 @@ def _distances(experiment: Experiment, readings: Readings, tool: MarkerTool, lev
     for s in np.flatnonzero(bad).tolist():
         order = None if wild else mended(tool, shape, s)
         if order is not None:
-            moved = np.flatnonzero(order != np.arange(len(order)))
+            moved = _moved(order)
             said = f"markers {_names(experiment, tool.marker[moved])} are exchanged: the distances are right then"
             words = f"{lines(readings, np.sort(tool.rows[s, moved]))}: {said}"
             found.append(_exchanged(readings, tool, slice(s, s + 1), order, words))
@@ -318,7 +322,7 @@ def _wrong_distances(experiment: Experiment, tool: MarkerTool, shape: RigidShape
 def _exchanged(readings: Readings, tool: MarkerTool, states: slice, order: Indices, words: str) -> Finding:
     """Markers that stand under one another's names in some states: where `order` (K,) has a marker, k is meant."""
     marker = readings.marker.copy()
-    moved = np.flatnonzero(order != np.arange(len(order)))
+    moved = _moved(order)
     for k in moved.tolist():
         rows = tool.rows[states, order[k]]
         marker[rows[rows >= 0]] = tool.marker[k]

@@ -114,7 +114,7 @@ def evidence(
         held.append(np.zeros((len(some), effects.shape[1])))
         for k, rest, total in zip(places, rests, totals, strict=True):
             for part in _parts(some, fits, k):
-                deviance = _deviance(part, rest, total, fits.free) + fits.cost[k]
+                deviance = fits.free * np.log(_factors(part, rest, total, fits.free).min(axis=1)) + fits.cost[k]
                 best[-1][part.of] = np.minimum(best[-1][part.of], deviance)
                 if k == found:
                     held[-1][part.of] = np.square(part.along(own)).sum(axis=1) / square
@@ -131,11 +131,11 @@ def prior_of(block: Array, fits: Reml, values: Array) -> float:
         rest = fits.left(k, values)
         total = float(rest @ rest)
         for part in _parts([block], fits, k):
-            for tau in TAUS:
-                dev = float(_deviance(part, rest[:, None], np.array([total]), fits.free, (tau,))[0, 0])
-                if dev + fits.cost[k] < best:
-                    largest = float(np.linalg.svd(fits.left(k, block), compute_uv=False)[0])
-                    best, sd = dev + fits.cost[k], float(tau) * float(np.sqrt(total / fits.free)) / largest
+            factors = _factors(part, rest[:, None], np.array([total]), fits.free)[0, :, 0]
+            deviance = fits.free * np.log(factors) + fits.cost[k]
+            if (least := float(deviance.min())) < best:
+                largest = float(np.linalg.svd(fits.left(k, block), compute_uv=False)[0])
+                best, sd = least, float(TAUS[deviance.argmin()]) * float(np.sqrt(total / fits.free)) / largest
     return sd
 
 
@@ -185,7 +185,6 @@ def _parts(blocks: Sequence[Array], fits: Reml, k: int) -> list[_Seen]:
     return out
 
 
-def _deviance(part: _Seen, rest: Array, total: Array, free: int, taus: Sequence[float] = tuple(TAUS)) -> Array:
-    """The smallest dev (b, n) over tau of residuals (m, n), without what the noise costs."""
-    square = np.square(part.along(rest))
-    return free * np.log(with_variance(part.weight, square, total, np.square(taus), free).min(axis=1))
+def _factors(part: _Seen, rest: Array, total: Array, free: int) -> Array:
+    """exp(dev / free) (b, taus, n) of residuals (m, n), without what the noise costs."""
+    return with_variance(part.weight, np.square(part.along(rest)), total, np.square(TAUS), free)
