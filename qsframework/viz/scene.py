@@ -218,8 +218,8 @@ def render(scene: Scene, watch: str | None = None) -> str:
     layers = {name: {"paths": paths, "shown": name not in scene.off} for name, paths in scene.layers.items()}
     content = {
         **packed(scene.placed, scene.drawn, [path for path, *_ in (*scene.texts, *scene.glows)]),
-        "texts": [[*text] for text in scene.texts],
-        "glows": [[*glow] for glow in scene.glows],
+        "texts": scene.texts,
+        "glows": scene.glows,
         "moves": [[path, *(_rounded(p[:3].ravel()) for p in ends)] for path, *ends in scene.moves],
         "factor": scene.factor,
         "steps": steps,
@@ -251,13 +251,13 @@ def _meshcat() -> str:
 
 
 def _facts(scene: Scene, path: str) -> dict[str, Any]:
-    facts = scene.facts.get(path)
+    facts = scene.facts[path]
     return {
         "ghost": scene.ghosts.get(path),
-        "name": facts.name if facts else "",
-        "angles": [list(a) for a in facts.angles] if facts else [],
-        "shares": [[name, f"{100.0 * share:.0f} %", share] for name, share in facts.shares] if facts else [],
-        "plays": list(facts.plays) if facts and facts.plays else None,
+        "name": facts.name,
+        "angles": facts.angles,
+        "shares": [[name, f"{100.0 * share:.0f} %", share] for name, share in facts.shares],
+        "plays": facts.plays,
     }
 
 

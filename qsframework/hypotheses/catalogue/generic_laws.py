@@ -162,8 +162,8 @@ class Motions:
         at = list(place.coordinates)
         used = [*at, *place.others][: len(effect.springs(self.facts))]
         f = over_states(self.stands, [effect.shapes(s.torque[:, used], s.context) for s in self.stands])
-        ends = [end.columns[..., at, None] * f[end.state][:, None] for end in (self.plus, self.minus)]
-        return (ends[0] - ends[1]).reshape(3 * len(f[self.plus.state]), -1)
+        later, earlier = (end.columns[..., at, None] * f[end.state][:, None] for end in (self.plus, self.minus))
+        return (later - earlier).reshape(3 * len(later), -1)
 
     def seen_columns(self, moved: Sequence[Array]) -> Array:
         """Columns (3 R, p) of motions (s, K, 3, p) m of the markers in each of the stands."""
