@@ -75,16 +75,12 @@ def settle_fit(
     """
     own = rows.start(model, start) if frames is None else tuple(frames)
     pulled = _weakly(model, names) | dict(priors)
-
-    def settled(frames: tuple[Frame, ...], x: Array, linear: bool = False) -> SettledFit:
-        return _settled(ObservationModel(model, rows, frames, x, tuple(names), linear=linear), pulled)
-
     try:
-        return settled(own, start)
+        return _settled(ObservationModel(model, rows, own, start, tuple(names)), pulled)
     except (NotConverged, InputError):  # the nominal arm may not bear the load that a fitted one does
-        linear = settled(own, start, linear=True)
+        linear = _settled(ObservationModel(model, rows, own, start, tuple(names), linear=True), pulled)
         try:
-            return settled(linear.frames, linear.x)
+            return _settled(ObservationModel(model, rows, linear.frames, linear.x, tuple(names)), pulled)
         except (NotConverged, InputError) as error:
             raise NotConverged(
                 f"the full equilibrium can be fitted neither from where it starts nor from a linear fit: {error}. "

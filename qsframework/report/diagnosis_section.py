@@ -37,7 +37,9 @@ def diagnosis_sections(diagnosis: Diagnosis, files: Sequence[Path], day: FollowU
     model, robots = diagnosis.extended.model, (diagnosis.experiment.robot,)
     laws = (LINEAR, EQUILIBRIUM, LEAST_SQUARES, *_LAWS)
     computed = provenance_section(model.effects, files, diagnosis.seed, laws, model.parameters, robots)
-    settings = Text(f"Level {100 * diagnosis.level:g} %, {len(diagnosis.table)} causes tried, {_sizes(diagnosis)}.")
+    r = diagnosis.readings
+    rows = f"{len(diagnosis.kept)} of {len(r.use)} rows at {len(r.poses)} poses"
+    settings = Text(f"Level {100 * diagnosis.level:g} %, {len(diagnosis.table)} causes tried, {rows}.")
     return (
         Section("Verdict", tuple(_verdict(diagnosis, day))),
         Section("Causes", tuple(_causes(diagnosis)), folded=True),
@@ -47,11 +49,6 @@ def diagnosis_sections(diagnosis: Diagnosis, files: Sequence[Path], day: FollowU
         Section("Noise and data", tuple(_noise(diagnosis)), folded=True),
         Section(computed.title, (Text(_HOW), settings, *computed.blocks), folded=True),
     )
-
-
-def _sizes(diagnosis: Diagnosis) -> str:
-    r = diagnosis.readings
-    return f"{len(diagnosis.kept)} of {len(r.use)} rows at {len(r.poses)} poses"
 
 
 def _verdict(diagnosis: Diagnosis, day: FollowUp | None) -> Iterator[Block]:

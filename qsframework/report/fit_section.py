@@ -48,11 +48,12 @@ def fit_table(fit: Fit, truth: dict[str, float] | None = None, brief: bool = Fal
     states = {e.state: STATES[e.state] for e in fit.estimates if e.state in STATES}
     legend = "".join(f" {state.value.capitalize()}: {words}." for state, words in states.items())
     held = any(e.held for e in fit.estimates)
+    shared = f"; shared by all markers of a pose: {fit.shared_sd * 1e3:.4f} mm, estimated" if fit.shared_sd else ""
     return ReportTable(
         tuple(cells),
         tuple(zip(*cells.values(), strict=True)),
         f"Method: {fit.method}, {'linear model' if fit.linear else 'full equilibrium'}. {_total(fit)}"
-        f"Noise of one coordinate: {fit.sigma * 1e3:.4f} mm, {fit.sigma_source}{_shared(fit)}.{legend}"
+        f"Noise of one coordinate: {fit.sigma * 1e3:.4f} mm, {fit.sigma_source}{shared}.{legend}"
         + (" Geometry and markers are held weakly near their nominal values." if held else ""),
     )
 
@@ -63,7 +64,7 @@ def _compared(truth: dict[str, float]) -> tuple[FitColumn, ...]:
         FitColumn(head="truth", value=lambda _, e: truth[e.name], unit=OWN, brief=True),
         FitColumn(
             head="error / sd",
-            value=lambda _, e: (e.value - truth[e.name]) / e.sd if _quoted(e) else np.nan,
+            value=lambda _, e: (e.value - truth[e.name]) / e.sd if e.sd > 0.0 else np.nan,
             brief=True,
         ),
     )
@@ -129,20 +130,10 @@ def _masked(m: Masked) -> tuple[str, ...]:
     return (m.readings, m.kind, ", ".join(map(str, m.rows)), m.words)
 
 
-def _quoted(e: Estimate) -> bool:
-    """Whether an sd is quoted: neither fixed nor at a bound."""
-    return bool(e.sd > 0.0)
-
-
 def _value(e: Estimate) -> str:
     """The value with its sd, in its table's unit."""
     text = shown_with_sd(e.value, e.sd, e.unit)
-    return text if _quoted(e) else f"{text} {unquoted(e.sd)}"
-
-
-def _shared(fit: Fit) -> str:
-    """The error that all markers of a pose share, where one was estimated."""
-    return f"; shared by all markers of a pose: {fit.shared_sd * 1e3:.4f} mm, estimated" if fit.shared_sd else ""
+    return text if e.sd > 0.0 else f"{text} {unquoted(e.sd)}"
 
 
 def _total(fit: Fit) -> str:
@@ -154,7 +145,7 @@ def _total(fit: Fit) -> str:
         if e.initial
         else f"{e.name} {shown_number(total, e.unit, 2)} {unit_shown(e.unit)}"
         for e, total in zip(fit.estimates, fit.sd_total, strict=True)
-        if _quoted(e) and total > _SAME * e.sd
+        if e.sd > 0.0 and total > _SAME * e.sd
     ]
     if not said:
         return "The load's stated uncertainty adds nothing that counts to these sds. "

@@ -45,12 +45,6 @@ def flange_of(robot: Robot, links: Array) -> Array:
     return links[robot.flange.link] @ robot.flange.placement
 
 
-def bone_end(robot: Robot, link: int) -> Array:
-    """Where a link carries the next joint, or the flange (3,) m, in its own frame."""
-    last = link == robot.facts.n
-    return robot.flange.placement[:3, 3] if last else robot.facts.placements[link][:3, 3]
-
-
 def deflected_look(robot: Robot) -> tuple[Colour, str]:
     """The colour of the deflected arm that is farthest from all colours of the robot, and the ink of its words."""
     own = np.array([s.rgba[:3] for s in (*robot.shapes, *robot.branch_shapes, *robot.meshes)] or [_BONE[:3]])
@@ -116,7 +110,9 @@ def draw_bones(
     for link in range(len(robot.facts.links)):
         if link in solid:
             continue
-        scene.rod(f"{path}/link_{link}/bone", np.zeros(3), bone_end(robot, link), radius, colour)
+        last = link == robot.facts.n
+        end = robot.flange.placement[:3, 3] if last else robot.facts.placements[link][:3, 3]
+        scene.rod(f"{path}/link_{link}/bone", np.zeros(3), end, radius, colour)
         scene.sphere(f"{path}/link_{link}/joint", 1.6 * radius, np.eye(4), colour)
 
 

@@ -15,7 +15,7 @@ from qsframework.elastostatics import Site
 from qsframework.plugin import Array
 from qsframework.robot import Robot, Shape
 from qsframework.robot.kinematics import joint_frames
-from qsframework.viz.robot_shapes import bone_end, flange_of, link_frames, reach
+from qsframework.viz.robot_shapes import flange_of, link_frames, reach
 
 _AZIMUTH, _ELEVATION = np.deg2rad(-55.0), np.deg2rad(18.0)
 """Where one looks from: x of the base to the right and towards the reader."""
@@ -70,7 +70,9 @@ def _arm(robot: Robot, links: Array, view: Array) -> list[_Drawn]:
     solid = {shape.link for shape in robot.shapes}
     for link in range(len(links)):
         if link not in solid:
-            ends = links[link] @ np.array([[0.0, 0.0, 0.0, 1.0], [*bone_end(robot, link), 1.0]]).T
+            last = link == robot.facts.n
+            end = robot.flange.placement[:3, 3] if last else robot.facts.placements[link][:3, 3]
+            ends = links[link] @ np.array([[0.0, 0.0, 0.0, 1.0], [*end, 1.0]]).T
             seen = (view @ ends[:3]).T
             style = "stroke:#667;stroke-width:5;stroke-linecap:round;fill:none"
             out.append(_Drawn(seen[:, :2], float(seen[:, 2].mean()), style, False))

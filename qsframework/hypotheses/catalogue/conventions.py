@@ -10,7 +10,7 @@ import numpy as np
 
 from qsframework.elastostatics.so3 import cross_matrix, exponential
 from qsframework.errors import InputError
-from qsframework.estimation.projection import Flags, least_squares
+from qsframework.estimation.projection import least_squares
 from qsframework.experiment import Experiment, Readings, as_shown, on_robot
 from qsframework.hypotheses.catalogue.rows import as_series
 from qsframework.hypotheses.hypothesis import Hypothesis
@@ -92,14 +92,9 @@ def _axes(P: Array, what: str) -> str:
     return ", ".join(said)
 
 
-def _in_base(readings: Readings) -> Flags:
-    """Displacements (R,) along the axes of the base."""
-    return ~readings.is_position & (readings.frame < 0) & ~readings.is_gauge
-
-
 def displacement_axes(experiment: Experiment, readings: Readings) -> Iterator[Hypothesis]:
     """Signed permutations of the axes of the displacements; their reversal is a sign convention."""
-    base = _in_base(readings)
+    base = ~readings.is_position & (readings.frame < 0) & ~readings.is_gauge
     if not (base & readings.use).any():  # the axes of a series are found, whatever they are
         return
     for P in _orientations():
@@ -128,11 +123,8 @@ def force_axes(experiment: Experiment, readings: Readings) -> Iterator[Hypothesi
             continue
         seen.append(turned)
         words = f"axes of the force: {_axes(P, 'f')}"
-        yield Hypothesis("force_axes", 1.0, words, experiment, readings=_loaded(readings, turned))
-
-
-def _loaded(readings: Readings, wrench: Array) -> Readings:
-    return readings.with_poses(replace(readings.poses, wrench=wrench))
+        changed = readings.with_poses(replace(readings.poses, wrench=turned))
+        yield Hypothesis("force_axes", 1.0, words, experiment, readings=changed)
 
 
 _FEW = {"rad": 2.0 * np.pi, "m": 20.0}
@@ -234,9 +226,10 @@ def force_units(experiment: Experiment, readings: Readings) -> Iterator[Hypothes
     used = [i for i in range(3) if wrench[:, i].any()]
     for i in used if len(used) > 1 else ():
         for factor, unit in _both(_WEIGHTS, "N"):
-            changed = wrench.copy()
-            changed[:, i] *= factor
-            yield _in_unit(experiment, _loaded(readings, changed), [_FORCE[i]], factor, unit)
+            scaled = wrench.copy()
+            scaled[:, i] *= factor
+            changed = readings.with_poses(replace(readings.poses, wrench=scaled))
+            yield _in_unit(experiment, changed, [_FORCE[i]], factor, unit)
 
 
 def _both(units: Sequence[tuple[float, str]], own: str) -> Iterator[tuple[float, str]]:
@@ -288,7 +281,7 @@ def _who(readings: Readings, i: int) -> tuple[object, ...]:
 
 def tracker_axes(experiment: Experiment, readings: Readings) -> Iterator[Hypothesis]:
     """Displacements along the axes of a tracker that nobody aligned: a frame is found for them."""
-    base = _in_base(readings)
+    base = ~readings.is_position & (readings.frame < 0) & ~readings.is_gauge
     if not (base & readings.use).any():
         return
     words = "the displacements are along the axes of the tracker, not of the base"

@@ -40,15 +40,11 @@ class HeldOut:
 
     @property
     def rms_identified(self) -> float:
-        return _rms(self.identified)
+        return float(np.sqrt(np.sum(self.identified**2) / max(np.count_nonzero(self.identified), 1)))
 
     @property
     def rms_extended(self) -> float:
-        return _rms(self.extended)
-
-
-def _rms(errors: Array) -> float:
-    return float(np.sqrt(np.sum(errors**2) / max(np.count_nonzero(errors), 1)))
+        return float(np.sqrt(np.sum(self.extended**2) / max(np.count_nonzero(self.extended), 1)))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -139,8 +139,8 @@ def names_words(findings: Sequence[NamedCause]) -> str:
 
 def worst_poses(found: Diagnosis, count: int) -> tuple[str, ...]:
     """Names of the poses at which most is left."""
-    poses = found.readings.pose
-    names = [poses[i] for i in map(int, found.kept)]
+    r = found.readings
+    names = [r.states.pose[i] for i in map(int, r.plus[found.kept])]
     square = dict.fromkeys(names, 0.0)
     for name, value in zip(names, np.square(found.residuals()[1]).sum(axis=1).tolist(), strict=True):
         square[name] += value

@@ -111,7 +111,7 @@ def number(value: float, written: str) -> str:
 
 def mm(value: float, digits: int = 3) -> str:
     """A length, m, in mm; a dash where there is none."""
-    return number(1e3 * value, f".{digits}f")
+    return f"{1e3 * value:.{digits}f}" if math.isfinite(value) else "-"
 
 
 _SHOWN = {"rad/(N m)": (1e6, "urad/(N m)"), "m/N": (1e6, "um/N"), "m": (1e3, "mm"), "rad": (1e3, "mrad")}
