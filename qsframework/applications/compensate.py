@@ -265,7 +265,7 @@ def _kept(targets: Targets, uncorrected: Array, expected: Array, path: bool) -> 
             Problem(
                 "no correction: it would make the targets no better",
                 found=f"{1e3 * sizes[1]:.3f} mm (RMS) to be expected after it, {1e3 * sizes[0]:.3f} mm without it",
-                hint="Measure more poses near the targets (`qsf design` plans for a task), or diagnose what is missing.",
+                hint="Measure more poses near the targets (`qsf design` plans them), or diagnose the readings.",
                 argument=("anyway", ""),
             )
         )

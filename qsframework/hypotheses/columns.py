@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -31,6 +31,15 @@ _CARRIED = 1e-8
 """Share of a direction that other poses carry, below which the fit without a pose is made anew."""
 _ABSORBED = 1e-6
 """Share of a column that must remain beside the fitted ones, else rounding is all that is left of it."""
+
+
+def by_size(sizes: Indices) -> Iterator[tuple[Indices, Indices]]:
+    """Blocks of so many columns (G,) side by side, those of one size together: which (b,), and where they stand (b, k);
+    empty ones are left out."""
+    first = np.cumsum(sizes) - sizes
+    for size in np.unique(sizes[sizes > 0]).tolist():
+        of = np.flatnonzero(sizes == size)
+        yield of, first[of][:, None] + np.arange(size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,9 +167,8 @@ class Case:
         """The same, and all axes of one place that are visible as one cause more."""
         seen = [s.cause for s in self.subspaces() if s.visible]
         groups = groups_of(seen)
-        at = {c.name: self._at(i) for i, c in enumerate(self.causes)}
-        raw = [self.raw[:, at[e.name]] for g in groups for e in g.effects]
         place = {c.name: i for i, c in enumerate(self.causes)}
+        raw = [self.metres(place[e.name]) for g in groups for e in g.effects]
         B = tuple(np.concatenate([self.B[place[e.name]] for e in g.effects], axis=1) for g in groups)
         return replace(
             self,
@@ -238,7 +246,7 @@ def _back(model: Model, fitted: Sequence[str], values: Array) -> Array:
     index = model.index(fitted)
     own = [model.parameters[i] for i in index]
     far = [0.0 if p.pull is None else (p.null or 0.0) - v for p, v in zip(own, values[index], strict=True)]
-    return np.asarray(far / scales(own), dtype=np.float64)
+    return far / scales(own)
 
 
 def _split(white: Array, first: int, causes: Sequence[Cause]) -> tuple[Array, tuple[Array, ...]]:
@@ -259,10 +267,10 @@ def plan_case(
     Of a plan, the case of what it reads: positions in the frames of its stations, each with its own sd.
     """
     if isinstance(poses, Plan):
-        rows = make_rows(planned_readings(experiment, poses))
-        frames = [station_frame(experiment, rows.readings.frames[f]) for f in rows.estimated]
-        return make_case(experiment, rows, fitted, causes, {}, np.zeros_like(rows.measured), frames)
-    nothing = np.zeros((len(poses), len(experiment.markers), 3))
-    planned = displaced(poses, nothing, sigma, [f"{i:09d}" for i in range(len(poses))])
+        planned = planned_readings(experiment, poses)
+    else:
+        nothing = np.zeros((len(poses), len(experiment.markers), 3))
+        planned = displaced(poses, nothing, sigma, [f"{i:09d}" for i in range(len(poses))])
     rows = make_rows(planned)
-    return make_case(experiment, rows, fitted, causes, {}, np.zeros_like(rows.measured))
+    frames = [station_frame(experiment, planned.frames[f]) for f in rows.estimated]
+    return make_case(experiment, rows, fitted, causes, {}, np.zeros_like(rows.measured), frames)

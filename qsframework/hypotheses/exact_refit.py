@@ -135,8 +135,8 @@ def averaged_fit(
         C = sum_k w_k (C_k + (x_k - x) (x_k - x)')
     """
     start = model.nominal
-    known = [(share, fit, fit.by_name()) for share, fit in fits]
-    each = [np.array([own.get(n, v) for n, v in zip(model.names, start, strict=True)]) for _, _, own in known]
+    known = [fit.by_name() for _, fit in fits]
+    each = [np.array([own.get(n, v) for n, v in zip(model.names, start, strict=True)]) for own in known]
     x = np.asarray(sum(share * values for (share, _), values in zip(fits, each, strict=True)))
     at, place = model.index(list(names)), {n: i for i, n in enumerate(names)}
     covariance = np.zeros((len(names), len(names)))

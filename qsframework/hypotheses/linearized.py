@@ -1,10 +1,14 @@
-"""Linear fits about the nominal arm: to try changes of the readings on, and without the rows that do not agree."""
+"""Linear fits about the nominal arm: to try changes of the readings on, and without the rows that do not agree.
+
+What disagrees are rows, or whole visits of the arm.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -116,13 +120,18 @@ def _within(R: Array, z: Array, free: Array, low: Array, high: Array) -> Array:
     from scipy.optimize import lsq_linear
 
     wide = np.where(high > low, high, low + 1e-12)
-    return np.asarray(lsq_linear(R, z, (low, wide), method="bvls").x)
+    return lsq_linear(R, z, (low, wide), method="bvls").x
+
+
+def linear_model(experiment: Experiment, readings: Readings, rows: ReadingRows | None = None) -> ObservationModel:
+    """The experiment's parameters at their nominal values, in frames that suit the readings."""
+    return observation_model(experiment, readings, experiment.fit_names(), linear=True, rows=rows)
 
 
 def linearized(experiment: Experiment, readings: Readings) -> Linearized:
     """The experiment's parameters about their nominal values. NotIdentifiable where the readings identify none, or are
     no more than what they identify: nothing contradicts them then."""
-    fit = of_observations(experiment, observation_model(experiment, readings, experiment.fit_names(), linear=True))
+    fit = of_observations(experiment, linear_model(experiment, readings))
     if fit.fit.dof <= 0:
         raise NotIdentifiable(
             f"{len(fit.errors)} numbers were read for as many parameters and frames: measure more poses, or fit fewer"
@@ -143,7 +152,7 @@ def of_observations(experiment: Experiment, seen: ObservationModel) -> Linearize
 def at_solution(experiment: Experiment, readings: Readings) -> float:
     """RMS (m) of what some steps of Gauss and Newton leave, each within bounds and shortened until it helps: at the
     solution, not at the guess; where readings hardly tell a direction nothing moves along it."""
-    seen = observation_model(experiment, readings, experiment.fit_names(), linear=True)
+    seen = linear_model(experiment, readings)
     rows, size = seen.rows, scales(list(seen.parameters))
     low, high = (np.array([getattr(p, end) for p in seen.parameters]) for end in ("lower", "upper"))
     least, z = np.inf, np.clip(seen.start, low, high)
@@ -288,3 +297,41 @@ def _stacked(poses: Sequence[Poses]) -> Poses:
         conditions([p.unloaded for p in poses]),
         conditions([p.loaded for p in poses]),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class Visits:
+    """The visits of the arm in the order of the file: the states of each, and the visit (R,) of each row of a fit."""
+
+    states: tuple[tuple[int, ...], ...]
+    of: Indices
+
+    def __len__(self) -> int:
+        return len(self.states)
+
+    def reversed(self) -> Visits:
+        """The same, the last one first."""
+        return Visits(self.states[::-1], len(self) - 1 - self.of)
+
+
+def visits_of(rows: ReadingRows) -> Visits:
+    """Rows of one `plus` are one visit, with the unloaded states that no other visit shares."""
+    order = list(dict.fromkeys(rows.plus.tolist()))
+    before: dict[int, set[int]] = {s: set() for s in order}
+    shared: dict[int, set[int]] = {}
+    for s, m in zip(rows.plus.tolist(), rows.minus.tolist(), strict=True):
+        if m >= 0:
+            before[s].add(m)
+            shared.setdefault(m, set()).add(s)
+    states = tuple((s, *(m for m in sorted(before[s]) if len(shared[m]) == 1)) for s in order)
+    number = {s: i for i, s in enumerate(order)}
+    return Visits(states, np.array([number[s] for s in rows.plus.tolist()]))
+
+
+def stops_of(rows: ReadingRows) -> Visits:
+    """The same with all states of one pose after each other as one visit."""
+    seen = visits_of(rows)
+    names = [rows.readings.states.pose[s[0]] for s in seen.states]
+    stop = np.cumsum([False, *(a != b for a, b in pairwise(names))])
+    states = [tuple(s for v in np.flatnonzero(stop == k) for s in seen.states[v]) for k in range(int(stop[-1]) + 1)]
+    return Visits(tuple(states), stop[seen.of])

@@ -18,8 +18,7 @@ from qsframework.estimation.projection import Flags, least_squares
 from qsframework.experiment import Experiment, ObservationModel, ReadingRows, Readings, observation_model
 from qsframework.experiment.observations import make_rows
 from qsframework.hypotheses.catalogue.rows import Finding, finding, lines
-from qsframework.hypotheses.linearized import agreed
-from qsframework.hypotheses.visits import visits_of
+from qsframework.hypotheses.linearized import agreed, visits_of
 from qsframework.plugin import Array, Effect, Indices
 from qsframework.plugin.build import build_effects
 from qsframework.plugin.registry import with_role
@@ -115,7 +114,7 @@ def _angle_errors(seen: ObservationModel, gross: Flags) -> float | None:
     normal distributions of the errors, each of its likeliest size, are compared.
     """
     rows = seen.rows
-    bad = np.flatnonzero(gross & (rows.minus < 0) & rows.mask.all(axis=1) & _carried(seen))
+    bad = np.flatnonzero(gross & (rows.minus < 0) & rows.mask.all(axis=1) & (_links(seen) > 0))
     turning = {p.name for p in seen.model.parameters if p.unit == "rad"}
     offsets = [n for n in seen.model.of_role("joint zero") if n in seen.names and n in turning]
     if len(bad) < _SEVERAL or not offsets:
@@ -138,9 +137,9 @@ def _angle_errors(seen: ObservationModel, gross: Flags) -> float | None:
     return float(np.sqrt(square.sum() / count)) if angular - plain > _EVIDENCE else None
 
 
-def _carried(seen: ObservationModel) -> Flags:
-    """Rows (R,) of markers that some joint moves."""
-    return np.array([site.link for site in seen.model.markers])[seen.rows.marker] > 0
+def _links(seen: ObservationModel) -> Indices:
+    """The link (R,) that carries the marker of each row; 0: the base."""
+    return np.array([site.link for site in seen.model.markers])[seen.rows.marker]
 
 
 def widened(experiment: Experiment, readings: Readings) -> ObservationModel:
@@ -173,7 +172,7 @@ def _agreed(seen: ObservationModel) -> Agreed:
     held = held_naturally(seen, scale)
 
     def beyond(misfit: Array, wrong: Flags, _: LinearFit | None) -> Flags:
-        return np.asarray(_in_sds(seen, misfit, wrong) > GROSS, dtype=np.bool_)
+        return _in_sds(seen, misfit, wrong) > GROSS
 
     return agreed(seen, np.arange(len(rows.keep)), beyond, rows.noise, scale, held)[0]
 
@@ -191,22 +190,20 @@ def _typical(seen: ObservationModel, error: Array, wrong: Flags) -> Array:
 
     Rows are pooled by what they share: a marker on the still base says nothing of the noise at the tool.
     """
-    rows = seen.rows
-    link = np.array([site.link for site in seen.model.markers])[rows.marker]
+    rows, link = seen.rows, _links(seen)
     kind = rows.frame + (len(rows.readings.frames) + 1) * (rows.minus < 0)
     label = link + (int(np.ptp(link)) + 1) * (kind - kind.min(initial=0))
     out = np.full(len(error), float(np.median(error[~wrong])) if (~wrong).any() else 0.0)
-    for one in np.unique(label):
-        same = (label == one) & ~wrong
-        if same.sum() >= _FEW:
-            out[label == one] = np.median(error[same])
+    for group in (label == kind for kind in np.unique(label)):
+        if (group & ~wrong).sum() >= _FEW:
+            out[group] = np.median(error[group & ~wrong])
     return np.maximum(out, 1e-6 * float(error.max(initial=0.0)))
 
 
 def told_outliers(readings: Readings, keep: Indices, found: Outliers) -> list[Finding]:
     """The outliers as findings: blocks that belong together, single rows, and what only a larger model explains."""
     out: list[Finding] = []
-    gross = keep[found.gross]
+    gross, missed = keep[found.gross], keep[found.missed]
     if found.share > SHARE:
         out.append(_many(readings, keep, found))
     if found.angles is not None:
@@ -218,7 +215,6 @@ def told_outliers(readings: Readings, keep: Indices, found: Outliers) -> list[Fi
     for i, size in zip(gross.tolist(), found.size[found.gross].tolist(), strict=True):
         words = f"{lines(readings, np.array([i]))}: {size:.0f} sds off what the other readings say"
         out.append(finding("gross", readings, np.array([i]), words))
-    missed = keep[found.missed]
     if len(missed):
         words = (
             f"{lines(readings, missed)}: the fitted model misses them by far, geometry, springs and sag would not: the "
@@ -233,12 +229,9 @@ def _many(readings: Readings, keep: Indices, found: Outliers) -> Finding:
     rows = keep[found.gross]
     block = common_block(readings, keep, found.gross)
     where = f": {block}" if block else ", in no series, marker or stretch alone"
-    one = len(set(readings.pose[i] for i in map(int, rows))) == 1
-    why = (
-        "All are of one pose: look for a slip in its rows"
-        if one
-        else "That is no handful of slips: a setting, a frame or the model is wrong"
-    )
+    why = "That is no handful of slips: a setting, a frame or the model is wrong"
+    if len({readings.pose[i] for i in map(int, rows)}) == 1:
+        why = "All are of one pose: look for a slip in its rows"
     words = f"{len(rows)} of {len(keep)} readings ({100 * found.share:.0f} %) do not fit{where}. {why}"
     return finding("block", readings, rows, words, mask=False)
 
@@ -246,10 +239,7 @@ def _many(readings: Readings, keep: Indices, found: Outliers) -> Finding:
 def common_block(readings: Readings, keep: Indices, wrong: Flags) -> str:
     """What most of the wrong rows have in common and few of the others: a series, a marker, or a stretch."""
     states = readings.states
-    best: tuple[float, str] = (_BLOCK, "")
-    groups: list[tuple[str, Flags]] = []
-    for f, name in enumerate(readings.frames):
-        groups.append((f"series {name!r}", readings.frame[keep] == f))
+    groups = [(f"series {name!r}", readings.frame[keep] == f) for f, name in enumerate(readings.frames)]
     series = [states.series[int(s)] for s in readings.plus[keep]]
     groups += [(f"series {name!r}", np.array([s == name for s in series])) for name in sorted(set(series)) if name]
     groups += [(f"marker {k + 1}", readings.marker[keep] == k) for k in range(int(readings.marker.max(initial=0)) + 1)]
@@ -258,10 +248,7 @@ def common_block(readings: Readings, keep: Indices, wrong: Flags) -> str:
         inside = np.zeros(len(keep), dtype=bool)
         inside[at[0] : at[-1] + 1] = True
         groups.append((f"lines {readings.line[keep[at[0]]]} to {readings.line[keep[at[-1]]]}", inside))
-    for name, members in groups:
-        if not members.any() or members.all():
-            continue
-        both = min(float(wrong[members].mean()), float(members[wrong].mean()))
-        if both > best[0]:
-            best = both, name
-    return best[1]
+    parts = ((name, members) for name, members in groups if members.any() and not members.all())
+    shares = {name: min(float(wrong[members].mean()), float(members[wrong].mean())) for name, members in parts}
+    best = max(shares, key=lambda name: shares[name], default="")
+    return best if shares.get(best, 0.0) > _BLOCK else ""

@@ -14,11 +14,10 @@ import numpy as np
 from qsframework.estimation import Independent, LinearFit, scales
 from qsframework.estimation.projection import Flags
 from qsframework.estimation.tails import chi2_isf
-from qsframework.experiment import Experiment, Frame, ObservationModel, ReadingRows, Readings, observation_model
+from qsframework.experiment import Experiment, Frame, ObservationModel, ReadingRows, Readings
 from qsframework.experiment.frames import motion_count, spans
-from qsframework.hypotheses.linearized import agreed
+from qsframework.hypotheses.linearized import Visits, agreed, linear_model, stops_of, visits_of
 from qsframework.hypotheses.outliers import held_naturally, widened
-from qsframework.hypotheses.visits import Visits, stops_of, visits_of
 from qsframework.plugin import Array, Indices
 
 _CHANCE = 1e-6
@@ -69,15 +68,10 @@ class Standing:
     def foretold(self, readings: Readings, keep: Indices) -> tuple[Array, Array]:
         """Errors (R, 3) of rows of other readings in units of the noise that is seen, and P (R, 3, f): I + P P' is
         their covariance. Coordinates that were not measured are zero in both."""
-        rows = ReadingRows(
-            readings, keep, np.flatnonzero(np.isfinite(readings.value[keep]).ravel()), np.zeros(len(keep), int)
-        )
-        places = [self.rows.estimated.index(f) for f in rows.estimated]
-        predicted, slopes = rows.rates(
-            self.seen.model, self.seen.x, [self.frames[i] for i in places], self.seen.names, linear=True
-        )
-        J = np.zeros((len(keep), 3, len(self.z)))
+        rows, places = self._rows_of(readings, keep)
         own = [self.frames[i] for i in places]
+        predicted, slopes = rows.rates(self.seen.model, self.seen.x, own, self.seen.names, linear=True)
+        J = np.zeros((len(keep), 3, len(self.z)))
         for here, there in zip(spans(own), places, strict=True):
             J[:, :, spans(self.frames)[there]] = slopes[:, :, here]
         J[:, :, motion_count(self.frames) :] = slopes[:, :, motion_count(own) :]
@@ -90,15 +84,17 @@ class Standing:
 
     def missed(self, readings: Readings) -> Array:
         """Errors (R, 3) of all rows of other readings as `foretold` has them, without what foretells them: faster."""
-        keep = np.arange(len(readings))
-        rows = ReadingRows(
-            readings, keep, np.flatnonzero(np.isfinite(readings.value).ravel()), np.zeros(len(keep), int)
-        )
-        places = [self.rows.estimated.index(f) for f in rows.estimated]
+        rows, places = self._rows_of(readings, np.arange(len(readings)))
         step = _STEP * scales(list(self.seen.parameters)) * self.z
         there = [self._predicted(rows, places, sign * step) for sign in (1.0, -1.0)]
         predicted = 0.5 * (there[0] + there[1]) + (there[0] - there[1]) / (2.0 * _STEP)
         return np.where(rows.mask, (rows.measured - predicted) / (rows.sigma * self.unit), 0.0)
+
+    def _rows_of(self, readings: Readings, keep: Indices) -> tuple[ReadingRows, list[int]]:
+        """Rows of other readings, and which of the frames are theirs."""
+        at = np.flatnonzero(np.isfinite(readings.value[keep]).ravel())
+        rows = ReadingRows(readings, keep, at, np.zeros(len(keep), int))
+        return rows, [self.rows.estimated.index(f) for f in rows.estimated]
 
     def _predicted(self, rows: ReadingRows, places: Sequence[int], step: Array) -> Array:
         """What the tangent model says (R, 3) after motions of the frames and changes of the parameters."""
@@ -115,10 +111,7 @@ def stand_out(experiment: Experiment, readings: Readings, wide: bool = False) ->
     wide: whole poses, from a model with geometry, springs and sag added, each held to its natural size. What visits
     share is left to the unit.
     """
-    if wide:
-        seen = widened(experiment, readings)
-    else:
-        seen = observation_model(experiment, readings, experiment.fit_names(), linear=True)
+    seen = widened(experiment, readings) if wide else linear_model(experiment, readings)
     rows = seen.rows
     visits = stops_of(rows) if wide else visits_of(rows)
     count = np.bincount(visits.of[rows.row], minlength=len(visits))

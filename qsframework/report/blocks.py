@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure as Plot
+else:
+    Plot = object
 
 
 class Mark(Enum):

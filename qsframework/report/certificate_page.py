@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from qsframework.applications.certificate import COVERAGE, Certificate, Quantity
+from qsframework.applications.certificate import COVERAGE, Certificate, DeviceSpec, PartySpec, Quantity
 from qsframework.files import sha256
 from qsframework.report.blocks import Block, Lines, Mark, ReportTable, Section, Text, Verdict
 from qsframework.report.fit_plots import distribution_figure
@@ -23,7 +23,7 @@ from qsframework.report.words.certificate import (
     conformity_words,
     held_out_words,
 )
-from qsframework.report.words.sizes import shown
+from qsframework.report.words.sizes import mm, shown
 
 _KELVIN = 273.15
 _MARKS = {True: Mark.GOOD, False: Mark.BAD, None: Mark.LOOK}
@@ -40,14 +40,14 @@ def _result(found: Certificate) -> Verdict:
     c = found.conformity
     before, after = found.validation.whole.summary(before=True)[0], found.validation.whole.summary()[0]
     numbers = [
-        (f"{1e3 * after:.3f} mm", "held-out error, 3D RMS"),
-        (f"{1e3 * before:.3f} mm", "the same before calibration"),
-        (f"{1e3 * COVERAGE * found.corrected:.3f} mm", f"U of a corrected {found.fit.account.quantity}, k = 2"),
+        (f"{mm(after)} mm", "held-out error, 3D RMS"),
+        (f"{mm(before)} mm", "the same before calibration"),
+        (f"{mm(COVERAGE * found.corrected)} mm", f"U of a corrected {found.fit.account.quantity}, k = 2"),
     ]
     if c is None:
         return Verdict(Mark.LOOK, RESULTS["open"], conformity_words(c), tuple(numbers))
     word = {True: "conforms", False: "fails", None: "undecided"}[c.holds]
-    numbers.append((f"{1e3 * c.tolerance:.3f} mm", "tolerance"))
+    numbers.append((f"{mm(c.tolerance)} mm", "tolerance"))
     return Verdict(_MARKS[c.holds], RESULTS[word], f"{conformity_words(c)} {RULES[c.rule]}", tuple(numbers))
 
 
@@ -86,9 +86,8 @@ def _conditions(found: Certificate) -> list[tuple[str, str]]:
 def _errors(found: Certificate) -> tuple[Block, ...]:
     """The 3D error before and after, as numbers and as a distribution; accuracy by ISO 9283 where it was measured."""
     quantity, whole = found.fit.account.quantity, found.validation.whole
-    pairs = zip(whole.summary(before=True), whole.summary(), strict=True)
     names = ("RMS", "mean", "95 % of the readings within", "maximum")
-    rows = tuple((name, f"{1e3 * b:.3f}", f"{1e3 * a:.3f}") for name, (b, a) in zip(names, pairs, strict=True))
+    rows = tuple(zip(names, *(map(mm, whole.summary(before)) for before in (True, False)), strict=True))
     said = (
         f"{held_out_words(found)} The error is the distance in space between the measured and the predicted "
         f"{quantity}; before: of the arm with the values that it had before these readings, in best-fit frames."
@@ -114,66 +113,41 @@ def _parameters(found: Certificate) -> ReportTable:
 def _budget(found: Certificate) -> tuple[Block, ...]:
     """Source, how it is known, standard uncertainty mm, share of the variance; and what they come to."""
     whole = sum(s.standard**2 for s in found.budget) or 1.0
-    rows = tuple(
-        (*SOURCES[s.source], f"{1e3 * s.standard:.4f}", f"{100 * s.standard**2 / whole:.0f} %") for s in found.budget
-    )
+    rows = tuple((*SOURCES[s.source], mm(s.standard, 4), f"{100 * s.standard**2 / whole:.0f} %") for s in found.budget)
     said = (
         f"A corrected {found.fit.account.quantity}, without the instrument that checks it: "
-        f"U = {1e3 * COVERAGE * found.corrected:.3f} mm in space, k = 2 (about 95 %)."
+        f"U = {mm(COVERAGE * found.corrected)} mm in space, k = 2 (about 95 %)."
     )
     return (ReportTable(("source", "known from", "standard, mm", "share"), rows, said),)
 
 
 def heads(found: Certificate) -> list[tuple[str, list[tuple[str, str]]]]:
     """Titles and rows of what the certificate is of; "" for what is not stated."""
-    meta, robot = found.meta, found.meta.robot
-    c, i = meta.calibration, meta.instrument
-    recorded = found.temperature
-    temperature = meta.temperature
-    if not temperature and recorded is not None:
-        temperature = f"{recorded[0] - _KELVIN:.1f} to {recorded[1] - _KELVIN:.1f} °C, as recorded"
+    meta, i = found.meta, found.meta.instrument
+    temperature, load = meta.temperature, meta.load
+    if not temperature and found.temperature is not None:
+        low, high = (f"{kelvin - _KELVIN:.1f}" for kelvin in found.temperature)
+        temperature = f"{low} to {high} °C, as recorded"
+    if not load and found.experiment.loads:
+        load = f"up to {max(np.linalg.norm(case.wrench[:3]) for case in found.experiment.loads):.0f} N"
+    calibration = _stated(meta.calibration, "customer", "date", "place", "operator", "approved_by")
+    robot = _stated(meta.robot, "maker", "type", "serial_number", "controller")
+    instrument = [
+        *_stated(i, "maker", "type", "serial_number"),
+        ("its certificate", i.certificate),
+        ("valid until", i.valid_until),
+        ("U of a point, k = 2", "" if i.uncertainty is None else f"{mm(i.uncertainty)} mm"),
+        ("temperature", temperature),
+    ]
     return [
-        (
-            "Calibration",
-            [
-                ("certificate", c.number),
-                ("customer", c.customer),
-                ("date", c.date),
-                ("place", c.place),
-                ("operator", c.operator),
-                ("approved by", c.approved_by),
-            ],
-        ),
-        (
-            "Robot",
-            [
-                ("model in the files", found.experiment.robot.title),
-                ("maker", robot.maker),
-                ("type", robot.type),
-                ("serial number", robot.serial_number),
-                ("controller", robot.controller),
-                ("load", meta.load or _load(found)),
-            ],
-        ),
-        (
-            "Instrument and conditions",
-            [
-                ("maker", i.maker),
-                ("type", i.type),
-                ("serial number", i.serial_number),
-                ("its certificate", i.certificate),
-                ("valid until", i.valid_until),
-                ("U of a point, k = 2", "" if i.uncertainty is None else f"{1e3 * i.uncertainty:.3f} mm"),
-                ("temperature", temperature),
-            ],
-        ),
+        ("Calibration", [("certificate", meta.calibration.number), *calibration]),
+        ("Robot", [("model in the files", found.experiment.robot.title), *robot, ("load", load)]),
+        ("Instrument and conditions", instrument),
     ]
 
 
-def _load(found: Certificate) -> str:
-    """The heaviest load of the experiment, by its force."""
-    forces = [float(np.linalg.norm(case.wrench[:3])) for case in found.experiment.loads]
-    return f"up to {max(forces):.0f} N" if forces else ""
+def _stated(record: PartySpec | DeviceSpec, *names: str) -> list[tuple[str, str]]:
+    return [(name.replace("_", " "), getattr(record, name)) for name in names]
 
 
 def arrivals(found: Certificate) -> list[tuple[str, str]]:
@@ -184,7 +158,7 @@ def arrivals(found: Certificate) -> list[tuple[str, str]]:
     counts = [a.count for a in every]
 
     def summary(values: Sequence[float]) -> str:
-        return f"{1e3 * float(np.mean(values)):.3f} mm mean, {1e3 * max(values):.3f} mm maximum"
+        return f"{mm(float(np.mean(values)))} mm mean, {mm(max(values))} mm maximum"
 
     return [
         ("poses and markers that were reached again", f"{len(every)}, {min(counts)} to {max(counts)} times each"),

@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import html
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from qsframework.experiment import Experiment, Readings
 from qsframework.plugin import Array
-from qsframework.report.blocks import Figure, ReportTable, Section
+from qsframework.report.blocks import Figure, Plot, ReportTable, Section
 from qsframework.report.numbers import row_table
 from qsframework.report.plots import blank
-
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure as Plot
 
 _STATE = {True: "as it should be", False: "look at it", None: "not measured"}
 Found = tuple[str, str, Sequence[tuple[bool | None, str, str]]]

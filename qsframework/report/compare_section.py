@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import html
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from qsframework.applications.compare import Compared, Comparison
 from qsframework.plugin import Array
-from qsframework.report.blocks import Figure, ReportTable, SceneView, Section, Text
+from qsframework.report.blocks import Figure, Plot, ReportTable, SceneView, Section, Text
 from qsframework.report.numbers import row_table
-from qsframework.report.plots import COLOURS, ORANGE, SYMBOLS, blank, log_axis, panels, round_ticks
-from qsframework.report.words.sizes import shown
+from qsframework.report.plan_section import sd_words
+from qsframework.report.plots import COLOURS, ORANGE, SYMBOLS, blank, log_axis, panels, plotted, round_ticks
+from qsframework.report.words.sizes import shown_number, unit_shown
 from qsframework.robot.collision import Flags
 from qsframework.viz import task_scene
-
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure as Plot
 
 
 def summary_table(result: Comparison) -> ReportTable:
@@ -64,37 +62,44 @@ def _number(values: Array, how: Any, scale: float) -> str:
 
 def sd_tables(result: Comparison) -> tuple[ReportTable, ...]:
     """Promised sd of each robot's parameters from as many poses."""
-    out: list[ReportTable] = []
-    for r in result.robots:
-        rows: list[tuple[str, ...]] = []
-        for p, sd in zip(r.parameters, r.sds, strict=True):
-            value, unit = shown(p.nominal, p.unit)
-            share = f" ({100 * sd / abs(p.nominal):.1f} %)" if p.nominal and np.isfinite(sd) else ""
-            cell = f"{shown(float(sd), p.unit)[0]:.3g}{share}" if np.isfinite(sd) else "not identifiable"
-            rows.append((p.name, f"{value:.4g}", cell, unit))
-        caption = f"{r.robot.title}: {r.campaign}. Look for parameters whose sd is a large share of their value."
-        out.append(ReportTable((r.robot.name, "nominal", "predicted sd", "unit"), tuple(rows), caption))
-    return tuple(out)
+    return tuple(
+        ReportTable(
+            (r.robot.name, "nominal", "predicted sd", "unit"),
+            tuple(
+                (
+                    p.name,
+                    shown_number(p.nominal, p.unit),
+                    sd_words(sd, p),
+                    unit_shown(p.unit),
+                )
+                for p, sd in zip(r.parameters, r.sds, strict=True)
+            ),
+            f"{r.robot.title}: {r.campaign}. Look for parameters whose sd is a large share of their value.",
+        )
+        for r in result.robots
+    )
 
 
 def compare_sections(result: Comparison) -> tuple[Section, ...]:
     """Summary, maps, path and campaign."""
     notes = tuple(Text(f"{r.robot.name}: {note}.") for r in result.robots for note in r.notes)
     maps = (
-        Figure(
-            heat_maps(result, [r.deflection * 1e3 for r in result.robots], "mm", "Deflection under the map's force"),
+        _map(
+            result,
+            [r.deflection * 1e3 for r in result.robots],
+            "mm",
+            "Deflection under the map's force",
             "All maps share one colour scale, in powers of ten: darker gives more; grey cells are not reached with the "
             "tool pointing that way. Look for robots that are dark where the work (crosses) is, and for jumps, where "
             "the arm changes its posture.",
-            map_table(result, [r.deflection * 1e3 for r in result.robots], "mm"),
-            wide=True,
         ),
-        Figure(
-            heat_maps(result, [r.softest * 1e-6 for r in result.robots], "N/um", "Stiffness in the softest direction"),
+        _map(
+            result,
+            [r.softest * 1e-6 for r in result.robots],
+            "N/um",
+            "Stiffness in the softest direction",
             "The force per micrometre in the direction that gives most, in powers of ten. Darker is stiffer. Look at "
             "the smallest value in the part of the workspace that the task needs.",
-            map_table(result, [r.softest * 1e-6 for r in result.robots], "N/um"),
-            wide=True,
         ),
     )
     intro = Text(
@@ -107,6 +112,10 @@ def compare_sections(result: Comparison) -> tuple[Section, ...]:
         Section("Workspace", maps),
         Section("Identifiability", (intro, *sd_tables(result)), folded=True),
     )
+
+
+def _map(result: Comparison, values: list[Array], unit: str, title: str, caption: str) -> Figure:
+    return Figure(heat_maps(result, values, unit, title), caption, map_table(result, values, unit), wide=True)
 
 
 _PATH = (
@@ -137,8 +146,7 @@ def heat_maps(result: Comparison, values: list[Array], unit: str, title: str) ->
     figure = panels(f"{title}, {unit}, at y = {task.map_y:g} m", 1, count, names, 420)
     for k, cells in enumerate(values, start=1):
         grid = cells.reshape(len(task.map_z), len(task.map_x))
-        z = [[float(np.log10(v)) if np.isfinite(v) else None for v in row] for row in grid]
-        said = [[float(v) if np.isfinite(v) else None for v in row] for row in grid]
+        z, said = [plotted(np.log10(row)) for row in grid], [plotted(row) for row in grid]
         figure.add_heatmap(
             x=task.map_x.tolist(),
             y=task.map_z.tolist(),
@@ -185,9 +193,10 @@ def path_figure(result: Comparison) -> Plot:
     points = list(range(1, len(result.task.points) + 1))
     for k, r in enumerate(result.robots):
         for values, dash, name in ((r.task, "solid", r.robot.name), (r.after, "dash", f"{r.robot.name}, compensated")):
-            y = [float(v * 1e3) if np.isfinite(v) else None for v in values]
             mark = {"symbol": SYMBOLS[k % len(SYMBOLS)]}
             line = {"dash": dash, "color": COLOURS[k % len(COLOURS)]}
-            figure.add_scatter(x=points, y=y, mode="lines+markers", line=line, marker=mark, name=name)
+            figure.add_scatter(
+                x=points, y=plotted(1e3 * values), mode="lines+markers", line=line, marker=mark, name=name
+            )
     every = np.concatenate([v for r in result.robots for v in (r.task, r.after)])
     return figure.update_layout(yaxis=log_axis(1e3 * every))

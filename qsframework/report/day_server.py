@@ -9,6 +9,7 @@ import json
 import threading
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
@@ -45,7 +46,7 @@ from qsframework.report.words.day import (
     spoilt_words,
 )
 from qsframework.report.words.headline import headline
-from qsframework.report.words.sizes import shown
+from qsframework.report.words.sizes import shown_number, unit_shown
 from qsframework.viz import show_scene
 from qsframework.viz.server import HOST
 
@@ -110,9 +111,9 @@ class DayPage:
                     return JSONResponse({"error": f"more than {_LARGEST} bytes"}, 413)
                 await run_in_threadpool(self._locked, do, _request(content))
             except QsfError as error:
-                with self._lock:
-                    self._day = _now(self._day)
+                with self._lock, suppress(QsfError):  # as it was where its files cannot be read
                     self._version += 1
+                    self._day = reread(self._day)
                 return JSONResponse({"error": str(error)}, 422)
             except ClientDisconnect:
                 return Response(status_code=400)
@@ -287,14 +288,6 @@ def _ended(end: Callable[[Day], list[str]], day: Day) -> list[str]:
         return [str(error)]
 
 
-def _now(day: Day) -> Day:
-    """The day as its files say; as it was where they cannot be read."""
-    try:
-        return reread(day)
-    except QsfError:
-        return day
-
-
 def _next(day: Day, slot: Slot) -> dict[str, Any]:
     visit, read = day.record.visit(slot), day.record.at(slot)
     units = day.record.protocol.units
@@ -313,9 +306,8 @@ def _next(day: Day, slot: Slot) -> dict[str, Any]:
 def _so_far(found: SoFar) -> dict[str, Any]:
     rows: list[list[Any]] = []
     for t in found.told:
-        value, unit = shown(t.value, t.unit)
-        sds = [f"{shown(sd, t.unit)[0]:.2g}" for sd in (t.sd, t.predicted)]
-        rows.append([t.name, f"{value:.4g}", *sds, unit, t.enough])
+        sds = [shown_number(sd, t.unit, 2) for sd in (t.sd, t.predicted)]
+        rows.append([t.name, shown_number(t.value, t.unit), *sds, unit_shown(t.unit), t.enough])
     predicted = [t.predicted for t in found.told]
     curves = [
         [visits, [sd / p if 0.0 < sd / p < float("inf") else None for sd, p in zip(sds, predicted, strict=True)]]

@@ -207,10 +207,10 @@ def _marker_table(diagnosis: Diagnosis) -> ReportTable:
 
 def _named_rows(diagnosis: Diagnosis) -> list[list[str]]:
     """Row of the file, pose and marker of every residual, a list each."""
-    r, kept = diagnosis.readings, diagnosis.kept.tolist()
-    names = [m.name for m in diagnosis.experiment.markers]
-    poses = [r.states.pose[int(r.plus[i])] for i in kept]
-    return [[str(int(r.line[i])) for i in kept], poses, [names[int(r.marker[i])] for i in kept]]
+    r, kept = diagnosis.readings, diagnosis.kept
+    names, poses = [m.name for m in diagnosis.experiment.markers], r.pose
+    lines = [str(line) for line in r.line[kept].tolist()]
+    return [lines, [poses[i] for i in map(int, kept)], [names[k] for k in r.marker[kept].tolist()]]
 
 
 def angle_figure(diagnosis: Diagnosis) -> Figure | None:
@@ -265,8 +265,7 @@ def power_figure(diagnosis: Diagnosis) -> Figure:
 
 def _poses(diagnosis: Diagnosis) -> list[str]:
     """The pose of every residual, as plots carry it."""
-    r = diagnosis.readings
-    return [html.escape(r.states.pose[int(r.plus[i])]) for i in diagnosis.kept]
+    return [html.escape(pose) for pose in _named_rows(diagnosis)[1]]
 
 
 def main_direction(diagnosis: Diagnosis) -> tuple[Array, Array, Array]:
@@ -278,12 +277,8 @@ def main_direction(diagnosis: Diagnosis) -> tuple[Array, Array, Array]:
 
 
 def _labels(diagnosis: Diagnosis) -> list[str]:
-    r = diagnosis.readings
-    names = [m.name for m in diagnosis.experiment.markers]
-    return [
-        html.escape(f"pose {r.states.pose[int(r.plus[i])]}, {names[int(r.marker[i])]}, row {int(r.line[i])}")
-        for i in diagnosis.kept
-    ]
+    rows = zip(*_named_rows(diagnosis), strict=True)
+    return [html.escape(f"pose {pose}, {marker}, row {line}") for line, pose, marker in rows]
 
 
 def _vector(direction: Sequence[float] | Array) -> str:

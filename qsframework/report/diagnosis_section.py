@@ -9,8 +9,8 @@ from qsframework.diagnose.result import Diagnosis
 from qsframework.diagnose.second_day import FollowUp
 from qsframework.report import diagnosis_plots as plots, diagnosis_tables as tables
 from qsframework.report.blocks import Block, Section, Text
+from qsframework.report.fit_plots import residual_view
 from qsframework.report.provenance import EQUILIBRIUM, LEAST_SQUARES, LINEAR, provenance_section
-from qsframework.report.residual_view import residual_view
 from qsframework.report.words.diagnosis import method_words
 from qsframework.report.words.follow_up import follow_up_words
 from qsframework.report.words.noise import audit_words, misfit_words
@@ -37,7 +37,9 @@ def diagnosis_sections(diagnosis: Diagnosis, files: Sequence[Path], day: FollowU
     model, robots = diagnosis.extended.model, (diagnosis.experiment.robot,)
     laws = (LINEAR, EQUILIBRIUM, LEAST_SQUARES, *_LAWS)
     computed = provenance_section(model.effects, files, diagnosis.seed, laws, model.parameters, robots)
-    settings = Text(f"Level {100 * diagnosis.level:g} %, {len(diagnosis.table)} causes tried, {_sizes(diagnosis)}.")
+    r = diagnosis.readings
+    rows = f"{len(diagnosis.kept)} of {len(r.use)} rows at {len(r.poses)} poses"
+    settings = Text(f"Level {100 * diagnosis.level:g} %, {len(diagnosis.table)} causes tried, {rows}.")
     return (
         Section("Verdict", tuple(_verdict(diagnosis, day))),
         Section("Causes", tuple(_causes(diagnosis)), folded=True),
@@ -47,11 +49,6 @@ def diagnosis_sections(diagnosis: Diagnosis, files: Sequence[Path], day: FollowU
         Section("Noise and data", tuple(_noise(diagnosis)), folded=True),
         Section(computed.title, (Text(_HOW), settings, *computed.blocks), folded=True),
     )
-
-
-def _sizes(diagnosis: Diagnosis) -> str:
-    r = diagnosis.readings
-    return f"{len(diagnosis.kept)} of {len(r.use)} rows at {len(r.poses)} poses"
 
 
 def _verdict(diagnosis: Diagnosis, day: FollowUp | None) -> Iterator[Block]:

@@ -22,7 +22,7 @@ from qsframework.report.words.follow_up import suspect_words
 from qsframework.report.words.headline import check_words
 from qsframework.report.words.law import place_words, variable_words
 from qsframework.report.words.next_steps import next_steps
-from qsframework.report.words.sizes import people_estimate, people_size, three
+from qsframework.report.words.sizes import grouped, kind_and_place, mm, number, people_estimate, people_size, three
 
 _STRONGEST = 12
 FOLDED = 10
@@ -95,9 +95,19 @@ def doubtful_table(diagnosis: Diagnosis) -> ReportTable:
 
 def alone_table(diagnosis: Diagnosis) -> ReportTable:
     """Causes that are plain by themselves and show nothing beside the named ones."""
-    rows = tuple((x.name, _size(x.s), chance(x.p_value), _nearest(x), limit_words(x)) for x in diagnosis.plain_alone)
+    alone = diagnosis.plain_alone
+    rows = tuple(
+        (
+            x.name,
+            number(x.s, ".1f"),
+            chance(x.p_value),
+            _nearest(x),
+            limit_words(x),
+        )
+        for x in alone
+    )
     return ReportTable(
-        (status_words(diagnosis.plain_alone[0], diagnosis) if rows else "", "s alone", "adjusted p alone", *_BESIDE),
+        (status_words(alone[0], diagnosis) if rows else "", "s alone", "adjusted p alone", *_BESIDE),
         rows,
         "Each of these looks plain by itself, because it does in part what a named cause does. Beside the named ones "
         "nothing of it is left; the bound says how large it could still be.",
@@ -119,7 +129,7 @@ def _nearest(x: Line) -> str:
 
 def _named(f: NamedCause, line: Line | None) -> tuple[str, ...]:
     alternatives = ", ".join(f"{r.name}, {degrees(r.angle)}" for r in f.alternatives)
-    near = f"{line.nearest}, {degrees(line.angle)}" if line is not None and line.nearest else "-"
+    near = "-" if line is None else _nearest(line)
     return (
         f.name,
         estimate_words(f.values),
@@ -133,12 +143,21 @@ def _named(f: NamedCause, line: Line | None) -> tuple[str, ...]:
 
 
 def _row(x: Line, diagnosis: Diagnosis) -> tuple[str, ...]:
-    owner = next((f.name for f in diagnosis.findings if x.name in [r.name for r in f.alternatives]), "")
-    angle = next((r.angle for f in diagnosis.findings for r in f.alternatives if r.name == x.name), x.angle)
-    near = f"{owner or x.nearest}, {degrees(angle)}" if owner or x.nearest else "-"
+    named = ((f.name, r.angle) for f in diagnosis.findings for r in f.alternatives if r.name == x.name)
+    nearest, angle = next(named, (x.nearest, x.angle))
+    near = f"{nearest}, {degrees(angle)}" if nearest else "-"
     status = status_words(x, diagnosis)
     status = f"{status} {limit_words(x)}" if status == Status.EXCLUDED.value else status
-    return x.name, estimate_words(x.values) or "-", _size(x.s), chance(x.p_value), "-", "-", near, status
+    return (
+        x.name,
+        estimate_words(x.values) or "-",
+        number(x.s, ".1f"),
+        chance(x.p_value),
+        "-",
+        "-",
+        near,
+        status,
+    )
 
 
 def all_causes_table(diagnosis: Diagnosis) -> ReportTable:
@@ -149,7 +168,7 @@ def all_causes_table(diagnosis: Diagnosis) -> ReportTable:
         (
             x.name,
             status_words(x, diagnosis),
-            _size(x.s),
+            number(x.s, ".1f"),
             chance(x.p_value),
             limit_words(x) or "-",
             _nearest(x),
@@ -166,11 +185,9 @@ def all_causes_table(diagnosis: Diagnosis) -> ReportTable:
 
 def excluded_table(diagnosis: Diagnosis, short: bool = False) -> ReportTable:
     """One row for each kind of effect: above which size each place is excluded; short: without stiffnesses."""
-    kinds: dict[str, list[str]] = {}
     excluded = _excluded(diagnosis)
-    for x in sorted(excluded, key=lambda x: x.name):
-        kind, where = _parts(x.name)
-        kinds.setdefault(kind, []).append(f"{where} {limit_words(x, stiffness=not short)}".strip())
+    named = ((*kind_and_place(x.name), limit_words(x, not short)) for x in sorted(excluded, key=lambda x: x.name))
+    kinds = grouped((kind, f"{where} {limit}".strip()) for kind, where, limit in named)
     return ReportTable(
         ("no", "above (95 %)"),
         tuple((kind, "; ".join(bounds)) for kind, bounds in kinds.items()),
@@ -188,13 +205,10 @@ def _excluded(diagnosis: Diagnosis) -> list[Line]:
 
 def unseen_table(diagnosis: Diagnosis) -> ReportTable:
     """One row for each kind of effect of which these readings say nothing, and why."""
-    rows: list[tuple[str, str, str]] = []
     unseen = [x for x in diagnosis.table if x.status in (Status.INVISIBLE, Status.UNTESTED)]
-    kinds: dict[tuple[str, str], list[str]] = {}
-    for x in unseen:
-        why = limit_words(x) if x.status is Status.UNTESTED else x.status.value
-        kind, where = _parts(x.name)
-        kinds.setdefault((kind, why), []).append(where)
+    reasons = (limit_words(x) if x.status is Status.UNTESTED else x.status.value for x in unseen)
+    named = ((*kind_and_place(x.name), why) for x, why in zip(unseen, reasons, strict=True))
+    kinds = grouped(((kind, why), where) for kind, where, why in named)
     rows = [(kind, ", ".join(w for w in places if w) or "-", why) for (kind, why), places in kinds.items()]
     return ReportTable(
         ("nothing is said about", "at", "because"),
@@ -220,23 +234,17 @@ def _many(said: str, count: int) -> str:
     return said if count > FOLDED else ""
 
 
-def _parts(name: str) -> tuple[str, str]:
-    """`joint_backlash[joint_3]` -> joint_backlash, joint_3."""
-    kind, _, where = name.partition("[")
-    return kind, where.removesuffix("]")
-
-
 def error_rows(diagnosis: Diagnosis) -> ReportTable:
     """3D RMS on the readings and held out."""
     e, learned = diagnosis.rms.space, diagnosis.learned
-    gain = _mm(diagnosis.rms.in_space(learned.heldout)) if learned is not None and learned.holds else ""
+    gain = mm(diagnosis.rms.in_space(learned.heldout)) if learned is not None and learned.holds else ""
     law = [("extended with the learned correction", "-", gain)] if gain else []
     rows = (
-        ("nominal model", _mm(e.nominal), "-"),
-        ("identified", _mm(e.identified), _mm(e.heldout_identified)),
-        ("extended with the named causes", _mm(e.extended), _mm(e.heldout_extended)),
+        ("nominal model", mm(e.nominal), "-"),
+        ("identified", mm(e.identified), mm(e.heldout_identified)),
+        ("extended with the named causes", mm(e.extended), mm(e.heldout_extended)),
         *law,
-        ("noise alone", _mm(e.noise), _mm(e.noise)),
+        ("noise alone", mm(e.noise), mm(e.noise)),
     )
     return ReportTable(
         ("3D RMS, mm", "on the readings", "held-out"),
@@ -249,7 +257,14 @@ def error_rows(diagnosis: Diagnosis) -> ReportTable:
 def convention_table(diagnosis: Diagnosis) -> ReportTable:
     """Conventions under which the readings fit better than as given."""
     rows = tuple(
-        (c.name, three(c.value), _mm(c.rms_given), _mm(c.rms), f"{c.evidence:.1f}", "adopted" if c.compelling else "no")
+        (
+            c.name,
+            three(c.value),
+            mm(c.rms_given),
+            mm(c.rms),
+            f"{c.evidence:.1f}",
+            "adopted" if c.compelling else "no",
+        )
         for c in diagnosis.conventions
     )
     return ReportTable(
@@ -324,8 +339,7 @@ def trend_table(diagnosis: Diagnosis) -> ReportTable:
             t.variable,
             chance(t.p_value),
             f"{100 * t.share:.0f} %",
-            chance(after[t.variable].p_value) if t.variable in after else "-",
-            f"{100 * after[t.variable].share:.0f} %" if t.variable in after else "-",
+            *((chance(s.p_value), f"{100 * s.share:.0f} %") if (s := after.get(t.variable)) else ("-", "-")),
         )
         for t in diagnosis.before.trends[:_STRONGEST]
     )
@@ -347,11 +361,3 @@ def chance(p: float) -> str:
     if not np.isfinite(p):
         return "-"
     return "< 1e-16" if p < 1e-16 else f"{p:.2g}"
-
-
-def _size(s: float) -> str:
-    return f"{s:.1f}" if np.isfinite(s) else "-"
-
-
-def _mm(value: float) -> str:
-    return f"{1e3 * value:.3f}" if np.isfinite(value) else "-"

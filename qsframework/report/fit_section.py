@@ -12,13 +12,25 @@ from qsframework.experiment.observations import values_before
 from qsframework.identify import Estimate, Fit, FitRecord, Masked
 from qsframework.identify.columns import COLUMNS, ERRORS, OWN, FitColumn
 from qsframework.report.blocks import Block, ReportTable, SceneView, Section, Text
-from qsframework.report.fit_plots import fit_figures, residual_figures, workspace_figure
+from qsframework.report.fit_plots import (
+    correlation_blocks,
+    correlation_figure,
+    fit_figures,
+    residual_figures,
+    residual_view,
+    workspace_figure,
+)
 from qsframework.report.moved_section import moved_table, moved_words
 from qsframework.report.numbers import MATRIX
-from qsframework.report.parameter_plots import correlation_blocks, correlation_figure
-from qsframework.report.residual_view import residual_view
 from qsframework.report.words.fit import STATES, alignment_words, first_words, listed_names, verdict_words
-from qsframework.report.words.sizes import shown, stiffness_words, with_sd
+from qsframework.report.words.sizes import (
+    number,
+    shown_number,
+    shown_with_sd,
+    stiffness_words,
+    unit_shown,
+    unquoted,
+)
 
 _SAME = 1.005
 """A total sd that is larger than that of the noise by less than this is not worth a word."""
@@ -36,11 +48,12 @@ def fit_table(fit: Fit, truth: dict[str, float] | None = None, brief: bool = Fal
     states = {e.state: STATES[e.state] for e in fit.estimates if e.state in STATES}
     legend = "".join(f" {state.value.capitalize()}: {words}." for state, words in states.items())
     held = any(e.held for e in fit.estimates)
+    shared = f"; shared by all markers of a pose: {fit.shared_sd * 1e3:.4f} mm, estimated" if fit.shared_sd else ""
     return ReportTable(
         tuple(cells),
         tuple(zip(*cells.values(), strict=True)),
         f"Method: {fit.method}, {'linear model' if fit.linear else 'full equilibrium'}. {_total(fit)}"
-        f"Noise of one coordinate: {fit.sigma * 1e3:.4f} mm, {fit.sigma_source}{_shared(fit)}.{legend}"
+        f"Noise of one coordinate: {fit.sigma * 1e3:.4f} mm, {fit.sigma_source}{shared}.{legend}"
         + (" Geometry and markers are held weakly near their nominal values." if held else ""),
     )
 
@@ -51,7 +64,7 @@ def _compared(truth: dict[str, float]) -> tuple[FitColumn, ...]:
         FitColumn(head="truth", value=lambda _, e: truth[e.name], unit=OWN, brief=True),
         FitColumn(
             head="error / sd",
-            value=lambda _, e: (e.value - truth[e.name]) / e.sd if _quoted(e) else np.nan,
+            value=lambda _, e: (e.value - truth[e.name]) / e.sd if e.sd > 0.0 else np.nan,
             brief=True,
         ),
     )
@@ -61,7 +74,7 @@ def _cell(column: FitColumn, fit: Fit, e: Estimate) -> str:
     """A cell as people read it; "-" for nothing."""
     value = column.value(fit, e)
     if isinstance(value, str):
-        return shown(1.0, value)[1] if column.unit == OWN else value
+        return unit_shown(value) if column.unit == OWN else value
     if column.sd is not None:
         return _value(e)
     if value is None or np.isnan(value):
@@ -72,7 +85,7 @@ def _cell(column: FitColumn, fit: Fit, e: Estimate) -> str:
         return _percent(100 * value)
     if column.unit == "stiffness":
         return stiffness_words(e.unit, 1.0 / value)
-    return f"{shown(value, e.unit)[0]:.4g}" if column.unit == OWN else f"{value:+.2f}"
+    return shown_number(value, e.unit) if column.unit == OWN else f"{value:+.2f}"
 
 
 def _percent(share: float) -> str:
@@ -86,8 +99,8 @@ def interval_tables(fit: Fit) -> tuple[ReportTable, ...]:
         return ()
     rows: list[tuple[str, ...]] = []
     for e, i in ((e, i) for i in fit.intervals for e in fit.estimates if e.name == i.name):
-        ends = (shown(v, e.unit)[0] for v in (i.lower, i.upper, *i.linear))
-        rows.append((i.name, f"{100 * i.level:.0f} %", *(f"{v:.4g}" for v in ends), shown(e.value, e.unit)[1]))
+        ends = (shown_number(v, e.unit) for v in (i.lower, i.upper, *i.linear))
+        rows.append((i.name, f"{100 * i.level:.0f} %", *ends, unit_shown(e.unit)))
     header = ("parameter", "level", "from", "to", "value - t sd", "value + t sd", "unit")
     caption = (
         "Profile intervals: within them the best fit of the other parameters is not significantly worse. Where they "
@@ -117,21 +130,10 @@ def _masked(m: Masked) -> tuple[str, ...]:
     return (m.readings, m.kind, ", ".join(map(str, m.rows)), m.words)
 
 
-def _quoted(e: Estimate) -> bool:
-    """Whether an sd is quoted: neither fixed nor at a bound."""
-    return bool(e.sd > 0.0)
-
-
 def _value(e: Estimate) -> str:
     """The value with its sd, in its table's unit."""
-    if _quoted(e):
-        return with_sd(*(shown(v, e.unit)[0] for v in (e.value, e.sd)))
-    return f"{shown(e.value, e.unit)[0]:.4g} ({'at bound' if np.isnan(e.sd) else 'fixed'})"
-
-
-def _shared(fit: Fit) -> str:
-    """The error that all markers of a pose share, where one was estimated."""
-    return f"; shared by all markers of a pose: {fit.shared_sd * 1e3:.4f} mm, estimated" if fit.shared_sd else ""
+    text = shown_with_sd(e.value, e.sd, e.unit)
+    return text if e.sd > 0.0 else f"{text} {unquoted(e.sd)}"
 
 
 def _total(fit: Fit) -> str:
@@ -141,9 +143,9 @@ def _total(fit: Fit) -> str:
     said = [
         f"{e.name} {_percent(100 * total / abs(e.initial))}"
         if e.initial
-        else f"{e.name} {shown(total, e.unit)[0]:.2g} {shown(total, e.unit)[1]}"
+        else f"{e.name} {shown_number(total, e.unit, 2)} {unit_shown(e.unit)}"
         for e, total in zip(fit.estimates, fit.sd_total, strict=True)
-        if _quoted(e) and total > _SAME * e.sd
+        if e.sd > 0.0 and total > _SAME * e.sd
     ]
     if not said:
         return "The load's stated uncertainty adds nothing that counts to these sds. "
@@ -203,7 +205,7 @@ def not_estimated_table(fit: Fit) -> ReportTable:
         (
             entry.name,
             listed_names(entry.correlated_with) or "no effect",
-            "-" if np.isinf(entry.sd) else f"{entry.sd:.2g}",
+            number(entry.sd, ".2g"),
         )
         for entry in fit.not_estimated
     )

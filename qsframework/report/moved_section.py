@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from qsframework.identify import Fit, FitRecord
 from qsframework.identify.moved import moved, same_readings
 from qsframework.report.blocks import ReportTable
-from qsframework.report.words.sizes import shown, with_sd
+from qsframework.report.words.sizes import number, shown_with_sd, unit_shown
 
 
 def moved_words(fit: Fit, before: FitRecord) -> str:
@@ -32,10 +30,10 @@ def moved_table(fit: Fit, before: FitRecord) -> ReportTable:
     rows = tuple(
         (
             m.name,
-            _value(m.value, m.sd, m.unit),
-            _value(m.before, m.sd_before, m.unit),
-            shown(1.0, m.unit)[1],
-            f"{m.apart:+.1f}" if np.isfinite(m.apart) else "-",
+            shown_with_sd(m.value, m.sd, m.unit),
+            shown_with_sd(m.before, m.sd_before, m.unit),
+            unit_shown(m.unit),
+            number(m.apart, "+.1f"),
             "moved" if m.beyond else "",
         )
         for m in moved(fit, before)
@@ -54,9 +52,3 @@ def moved_table(fit: Fit, before: FitRecord) -> ReportTable:
         rows,
         f"Moved: further than both uncertainties explain, at 1 % for all parameters together.{said}",
     )
-
-
-def _value(value: float, sd: float, unit: str) -> str:
-    """A value with its sd, where one is quoted, in the unit that tables show."""
-    size, width = (shown(v, unit)[0] for v in (value, sd))
-    return with_sd(size, width) if sd > 0.0 else f"{size:.4g}"

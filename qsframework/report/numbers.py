@@ -5,15 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from qsframework.plugin import Array
-from qsframework.report.blocks import ReportTable
-
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure as Plot
+from qsframework.report.blocks import Plot, ReportTable
 
 _CURVE = 60
 """A line of more points than this is a smooth curve: about this many of them are told."""

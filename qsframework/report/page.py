@@ -8,19 +8,16 @@ import html
 import re
 from collections.abc import Iterator, Sequence
 from importlib.resources import files
+from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from qsframework.report.blocks import Block, Figure, Lines, ReportTable, SceneView, Section, Text, Verdict
+from qsframework.report.blocks import Block, Figure, Lines, Plot, ReportTable, SceneView, Section, Text, Verdict
 from qsframework.report.numbers import figure_table
-from qsframework.report.printed import write_page
+from qsframework.report.printed import rendered, write_page
 
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure as Plot
-
-__all__ = ["Block", "Figure", "Lines", "ReportTable", "SceneView", "Section", "Text", "Verdict", "write_report"]
 _WORDS = 18
 """A column with a longer cell than this holds words, which are set from the left."""
 _POINTS, _ROWS = 4_000, 2_000
@@ -30,12 +27,6 @@ _POWER = re.compile(r"\d(?:\.\d+)?e-\d+")
 
 def write_report(path: str | Path, title: str, sections: Sequence[Section], verdict: Verdict | None = None) -> Path:
     """Write the report, all or nothing, and return its path."""
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("qsframework.report"), autoescape=True, undefined=jinja2.StrictUndefined
-    )
-    environment.filters["whole"] = _whole
     drawn = [
         (s.title, s.folded, list(_grouped([_block(b, f"figure-{i}-{j}") for j, b in enumerate(s.blocks)])))
         for i, s in enumerate(sections)
@@ -43,10 +34,8 @@ def write_report(path: str | Path, title: str, sections: Sequence[Section], verd
     blocks = [b for s in sections for b in s.blocks]
     folds = any(s.folded for s in sections) or any(not isinstance(b, Text | Lines | ReportTable) for b in blocks)
     plotly = _plotly() if any(isinstance(b, Figure) for b in blocks) else ""
-    page = environment.get_template("report.html.j2").render(
-        title=title, sections=drawn, verdict=verdict, plotly=plotly, folds=folds
-    )
-    return write_page(path, page)
+    content = {"title": title, "sections": drawn, "verdict": verdict, "plotly": plotly, "folds": folds}
+    return write_page(path, rendered("report.html.j2", {"whole": _whole}, **content))
 
 
 def _plotly() -> str:
@@ -64,17 +53,9 @@ def _whole(text: str) -> Any:
 
 def _grouped(blocks: Sequence[dict[str, Any]]) -> Iterator[list[dict[str, Any]]]:
     """Pictures that follow each other stand side by side; everything else stands alone."""
-    row: list[dict[str, Any]] = []
-    for block in blocks:
-        if block["kind"] in ("figure", "view") and not block["wide"]:
-            row.append(block)
-            continue
-        if row:
-            yield row
-        row = []
-        yield [block]
-    if row:
-        yield row
+    for beside, group in groupby(blocks, key=lambda block: block["kind"] in ("figure", "view") and not block["wide"]):
+        row = list(group)
+        yield from [row] if beside else ([block] for block in row)
 
 
 def _block(block: Block, name: str) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from qsframework.information import PredictedUncertainty, predicted_beyond
 from qsframework.plugin import Array, Parameter
 from qsframework.report.blocks import ReportTable, SceneView, Section, Text
 from qsframework.report.words.plan import certificate_text
-from qsframework.report.words.sizes import shown
+from qsframework.report.words.sizes import shown_number, unit_shown
 from qsframework.units import JointUnits
 from qsframework.viz import show_scene
 
@@ -32,15 +32,17 @@ def margin_words(experiment: Experiment) -> str:
 
 def sd_table(parameters: Sequence[Parameter], columns: Mapping[str, Array]) -> ReportTable:
     """Promised standard deviation of each parameter, one column per plan."""
-    rows: list[tuple[str, ...]] = []
-    for i, p in enumerate(parameters):
-        row = [p.name, f"{shown(p.nominal, p.unit)[0]:.4g}", shown(1.0, p.unit)[1]]
-        for sd in columns.values():
-            row.append(_told(float(sd[i]), p))
-        rows.append(tuple(row))
     return ReportTable(
         ("parameter", "nominal", "unit", *columns),
-        tuple(rows),
+        tuple(
+            (
+                p.name,
+                shown_number(p.nominal, p.unit),
+                unit_shown(p.unit),
+                *(sd_words(sd, p) for sd in sds),
+            )
+            for p, *sds in zip(parameters, *columns.values(), strict=True)
+        ),
         "Predicted standard deviation of each plan, from the sensitivities at the nominal values; in brackets its "
         "share of the nominal value.",
     )
@@ -49,7 +51,13 @@ def sd_table(parameters: Sequence[Parameter], columns: Mapping[str, Array]) -> R
 def predicted_table(predicted: Sequence[PredictedUncertainty]) -> ReportTable:
     """What a plan tells of each fitted parameter, and what would tell more."""
     rows = tuple(
-        (p.name, f"{shown(p.nominal, p.unit)[0]:.4g}", _told(p.sd, p), shown(1.0, p.unit)[1], p.help or "ok")
+        (
+            p.name,
+            shown_number(p.nominal, p.unit),
+            sd_words(p.sd, p),
+            unit_shown(p.unit),
+            p.help or "ok",
+        )
         for p in predicted
     )
     return ReportTable(
@@ -60,12 +68,12 @@ def predicted_table(predicted: Sequence[PredictedUncertainty]) -> ReportTable:
     )
 
 
-def _told(sd: float, p: Parameter | PredictedUncertainty) -> str:
+def sd_words(sd: float, p: Parameter | PredictedUncertainty) -> str:
     """A predicted sd in the unit of its parameter, and its share of the nominal value."""
     if not np.isfinite(sd):
         return "not identifiable"
     share = f" ({100 * sd / abs(p.nominal):.1f} %)" if p.nominal else ""
-    return f"{shown(sd, p.unit)[0]:.3g}{share}"
+    return shown_number(sd, p.unit, 3) + share
 
 
 def beyond_table(experiment: Experiment, sds: Mapping[str, float]) -> ReportTable:
@@ -79,7 +87,7 @@ def beyond_table(experiment: Experiment, sds: Mapping[str, float]) -> ReportTabl
         if np.isfinite(sd):
             share = 100 * sd / size
             caveat = "" if share < 100 else ", not identifiable in practice"
-            verdict = f"{shown(sd, p.unit)[0]:.3g} {shown(1.0, p.unit)[1]} ({share:.3g} % of its {what} value{caveat})"
+            verdict = f"{shown_number(sd, p.unit, 3)} {unit_shown(p.unit)} ({share:.3g} % of its {what} value{caveat})"
         rows.append((name, verdict))
     return ReportTable(
         ("parameter", "sd if also estimated"),

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import html
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from qsframework.plugin import Array
-
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure
+from qsframework.report.blocks import Plot
 
 BLUE, ORANGE, GREEN, PURPLE, SKY, AMBER, BLACK = (
     "#0072B2",
@@ -59,7 +57,7 @@ TEMPLATE: dict[str, Any] = {
 }
 
 
-def blank(title: str, x: str, y: str, height: int = 360) -> Figure:
+def blank(title: str, x: str, y: str, height: int = 360) -> Plot:
     """An empty plot with its title and those of its axes."""
     from plotly.graph_objects import Figure
 
@@ -76,7 +74,7 @@ def panels(
     spacing: float | None = None,
     shared: bool = True,
     heights: list[float] | None = None,
-) -> Figure:
+) -> Plot:
     """Empty plots, as many as there are titles, in rows and columns under one title.
 
     shared: all of a row have one y axis; heights: of the rows, in proportion
@@ -97,9 +95,13 @@ def panels(
     return figure.update_annotations(font={"size": 13}).update_layout(margin={"t": 76}, legend=legend)
 
 
+def _positive(values: Array) -> Array:
+    return values[np.isfinite(values) & (values > 0.0)]
+
+
 def log_axis(values: Array) -> dict[str, Any]:
     """A logarithmic axis over values that are above zero, with round numbers that are written out."""
-    known = values[np.isfinite(values) & (values > 0.0)]
+    known = _positive(values)
     if not len(known):
         return {"type": "log"}
     low, high = float(np.log10(known.min())), float(np.log10(known.max()))
@@ -115,7 +117,7 @@ def log_axis(values: Array) -> dict[str, Any]:
 
 def round_ticks(values: Array) -> list[float]:
     """Round numbers 1, 2, 5, 10, ... over the range of the values that are above zero."""
-    known = values[np.isfinite(values) & (values > 0.0)]
+    known = _positive(values)
     if not len(known):
         return [1.0]
     low, high = int(np.floor(np.log10(known.min()))), int(np.ceil(np.log10(known.max())))

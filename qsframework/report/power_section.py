@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import html
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qsframework.diagnose.foresight import Foresight, Outlook, Prospect, Why
+from qsframework.diagnose.foresight import Foresight, Outlook, Prospect
 from qsframework.diagnose.unknown import SIZE, PlaceOutlook
 from qsframework.plugin import Array, Indices
-from qsframework.report.blocks import Figure, ReportTable, Section, Text
+from qsframework.report.blocks import Figure, Plot, ReportTable, Section, Text
 from qsframework.report.numbers import MATRIX, matrix_table
 from qsframework.report.plots import DASHES, GREY, blank
 from qsframework.report.words.forecast import (
@@ -23,9 +22,7 @@ from qsframework.report.words.forecast import (
     why_words,
 )
 from qsframework.report.words.law import place_words
-
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure as Plot
+from qsframework.report.words.sizes import grouped, kind_and_place
 
 _OUTLOOKS = (Outlook.NAMED, Outlook.DETECTED, Outlook.INVISIBLE)
 _LABELS = 50
@@ -49,11 +46,10 @@ def size_table(foresight: Foresight) -> ReportTable:
 
 def kinds_table(foresight: Foresight) -> ReportTable:
     """Every kind of effect: the places where it would be named, only detected, or not be seen."""
-    kinds: dict[str, dict[Outlook, list[str]]] = {}
-    for p in foresight.prospects:
-        kind, _, where = p.name.partition("[")
-        kinds.setdefault(kind, {}).setdefault(p.status, []).append(where.removesuffix("]") or "yes")
-    rows = tuple((kind, *(", ".join(by.get(o, ())) for o in _OUTLOOKS)) for kind, by in sorted(kinds.items()))
+    named = [(*kind_and_place(p.name), p.status) for p in foresight.prospects]
+    places = grouped(((kind, outlook), where or "yes") for kind, where, outlook in named)
+    kinds = sorted({kind for kind, *_ in named})
+    rows = tuple((kind, *(", ".join(places.get((kind, o), ())) for o in _OUTLOOKS)) for kind in kinds)
     return ReportTable(
         ("effect", "can be named", "detected, not separated", "invisible here"),
         rows,
@@ -63,11 +59,8 @@ def kinds_table(foresight: Foresight) -> ReportTable:
 
 def hidden_table(foresight: Foresight) -> ReportTable:
     """What the plan cannot show, and why; one row for each kind of effect and reason."""
-    kinds: dict[tuple[str, Why | None], list[str]] = {}
-    for p in foresight.prospects:
-        if p.status is Outlook.INVISIBLE:
-            kind, _, where = p.name.partition("[")
-            kinds.setdefault((kind, p.why), []).append(where.removesuffix("]"))
+    named = ((*kind_and_place(p.name), p.why) for p in foresight.prospects if p.status is Outlook.INVISIBLE)
+    kinds = grouped(((kind, why), where) for kind, where, why in named)
     rows = [(f"{kind} {', '.join(where)}".strip(), kind_words(why)) for (kind, why), where in kinds.items()]
     rows += [(u.name, f"needs the column {' and '.join(u.needs)}") for u in foresight.untested]
     return ReportTable(

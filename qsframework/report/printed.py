@@ -6,7 +6,9 @@ import os
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from qsframework.errors import InputError, Problem
 from qsframework.files import write_bytes, write_text
@@ -28,6 +30,17 @@ _HEADLESS = (
     "no-pdf-header-footer",
 )
 _PATIENCE = 180.0
+
+
+def rendered(template: str, filters: Mapping[str, Callable[[str], Any]], **content: Any) -> str:
+    """A page by its template."""
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("qsframework.report"), autoescape=True, undefined=jinja2.StrictUndefined
+    )
+    environment.filters.update(filters)
+    return environment.get_template(template).render(**content)
 
 
 def write_page(path: str | Path, page: str) -> Path:

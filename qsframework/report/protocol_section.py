@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
+from itertools import groupby
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from qsframework.applications.ordering import turning
 from qsframework.applications.protocol import Protocol, Visit
 from qsframework.files import sha256
-from qsframework.report.printed import write_page
+from qsframework.report.printed import rendered, write_page
 from qsframework.units import JointUnits
 
 _BOX = "\u2610"
@@ -42,33 +44,8 @@ class Commands:
     identify: str
 
 
-@dataclass(frozen=True)
-class SheetPart:
-    """A titled part of the sheet: paragraphs, then steps with a box each."""
-
-    title: str
-    texts: tuple[str, ...] = ()
-    steps: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, kw_only=True)
-class Card:
-    """One visit on the sheet. angles: name and value of each; states: in the order in which they are read."""
-
-    title: str
-    picture: str
-    angles: tuple[tuple[str, str], ...]
-    hung: str
-    states: tuple[str, ...]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Run:
-    """Visits one after the other under one load, from one station; new_page: whether a page begins with them."""
-
-    title: str
-    visits: tuple[Card, ...]
-    new_page: bool
+SheetPart = dict[str, Any]
+"""What the template needs of a part of the sheet, of visits under one load from one station, or of one visit."""
 
 
 def write_sheet(path: Path, protocol: Protocol, pictures: Sequence[str], files: SheetFiles, commands: Commands) -> Path:
@@ -76,12 +53,9 @@ def write_sheet(path: Path, protocol: Protocol, pictures: Sequence[str], files: 
 
     pictures: one SVG for each visit
     """
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("qsframework.report"), autoescape=True, undefined=jinja2.StrictUndefined
-    )
-    page = environment.get_template("sheet.html.j2").render(
+    page = rendered(
+        "sheet.html.j2",
+        {},
         title=f"Protocol: {protocol.title}",
         box=_BOX,
         blanks=_BLANKS,
@@ -93,43 +67,34 @@ def write_sheet(path: Path, protocol: Protocol, pictures: Sequence[str], files: 
     return write_page(path, page)
 
 
-def _runs(protocol: Protocol, pictures: Sequence[str]) -> tuple[Run, ...]:
+def _runs(protocol: Protocol, pictures: Sequence[str]) -> list[SheetPart]:
     """The visits, divided where the load or the station changes: there a page begins, unless the loads come mixed."""
-    groups: list[list[int]] = []
-    for i, visit in enumerate(protocol.visits):
-        if not groups or _kept(protocol.visits[groups[-1][0]]) != _kept(visit):
-            groups.append([])
-        groups[-1].append(i)
-    out: list[Run] = []
-    in_blocks = len(groups) <= _BLOCKS * len({_kept(v) for v in protocol.visits})
-    for k, group in enumerate(groups):
-        cards = tuple(_card(protocol.visits[i], protocol.units, pictures[i]) for i in group)
-        load, station = _kept(protocol.visits[group[0]])
-        title = ", ".join([*([f"Station: {station}"] if station else []), f"Load: {load}" if load else "Positions"])
-        out.append(Run(title=title, visits=cards, new_page=k == 0 or in_blocks))
-    return tuple(out)
+    cards = [(v.load, v.station, _card(v, protocol.units, p)) for v, p in zip(protocol.visits, pictures, strict=True)]
+    groups = [(kept, [card for *_, card in group]) for kept, group in groupby(cards, key=lambda card: card[:2])]
+    in_blocks = len(groups) <= _BLOCKS * len({kept for kept, _ in groups})
+    return [
+        {
+            "title": (f"Station: {station}, " if station else "") + (f"Load: {load}" if load else "Positions"),
+            "visits": group,
+            "new_page": k == 0 or in_blocks,
+        }
+        for k, ((load, station), group) in enumerate(groups)
+    ]
 
 
-def _kept(visit: Visit) -> tuple[str, str]:
-    """What stays as it is from one visit to the next: load and station."""
-    return visit.load, visit.station
-
-
-def _card(visit: Visit, joints: JointUnits, picture: str) -> Card:
+def _card(visit: Visit, joints: JointUnits, picture: str) -> SheetPart:
     name = visit.pose if visit.repeat == 1 else f"{visit.pose}, repeat {visit.repeat}"
     half = ", half of it first" if any(s.loaded and s.load_id != visit.load for s in visit.states) else ""
     force = ", ".join(f"{f:.0f}" for f in visit.wrench[:3])
     moment = ", ".join(f"{m:.0f}" for m in visit.wrench[3:])
     turned = f"; moment {moment} N m" if np.any(visit.wrench[3:]) else ""
-    return Card(
-        title=f"Visit {visit.number}: {name}",
-        picture=picture,
-        angles=tuple(
-            (label, f"{v:.2f}") for label, v in zip(joints.labels(), joints.shown(visit.pendant), strict=True)
-        ),
-        hung=f"{visit.load}{half}: {force} N{turned}" if visit.load else f"no load; {', '.join(visit.markers)}",
-        states=tuple(_state(s.cycle, s.loaded, s.load_id == visit.load) if visit.load else "" for s in visit.states),
-    )
+    return {
+        "title": f"Visit {visit.number}: {name}",
+        "picture": picture,
+        "angles": [(label, f"{v:.2f}") for label, v in zip(joints.labels(), joints.shown(visit.pendant), strict=True)],
+        "hung": f"{visit.load}{half}: {force} N{turned}" if visit.load else f"no load; {', '.join(visit.markers)}",
+        "states": [_state(s.cycle, s.loaded, s.load_id == visit.load) if visit.load else "" for s in visit.states],
+    }
 
 
 def _state(cycle: int, loaded: bool, whole: bool) -> str:
@@ -145,99 +110,77 @@ def _made(protocol: Protocol, files: SheetFiles) -> str:
 
 
 def _before(protocol: Protocol, commands: Commands) -> SheetPart:
-    options = protocol.options
-    first = protocol.visits[0]
-    weight = protocol.loaded
+    options, weight, first = protocol.options, protocol.loaded, protocol.visits[0].pose
+    without = " without the weight" * weight
     people = (
-        f"Nobody stands in the reach of the arm{' or under the weight' if weight else ''} while the arm moves"
-        f"{' or the weight hangs' if weight else ''}. One person "
+        f"Nobody stands in the reach of the arm{' or under the weight' * weight} while the arm moves"
+        f"{' or the weight hangs' * weight}. One person "
         "holds the enabling switch and speaks before every move; the others answer before it starts."
     )
-    rated = " The weight, its rope and hook are rated for the load." if weight else ""
     steps = [
-        f"Fence, emergency stop and enabling switch tested.{rated}",
+        "Fence, emergency stop and enabling switch tested."
+        + " The weight, its rope and hook are rated for the load." * weight,
         f"Load data of {'tool and weight' if weight else 'the tool'} set on the controller; mastering unchanged since "
         "the last service.",
         f"Tracker on for as long as its maker asks; {options.reflectors} reflectors fixed to the floor around the "
         "robot, as far apart as the tracker sees.",
-        *_stands(protocol),
+        *[
+            f"The tracker is set up at {', then '.join(protocol.stations)}, about where the experiment says. Each "
+            "stand is a series of its own."
+        ]
+        * bool(protocol.stations),
         f"The programme drives in this sheet's order: {commands.programme}. At every stop it"
-        f"{' names the load and' if weight else ''} waits for the start button. Run once slowly"
-        f"{' without the weight' if weight else ''}.",
-        f"Warm-up: {options.warm_up:g} min{' without the weight' if weight else ''}, at measuring speed: "
-        f"{commands.warm_up}.",
-        *(
-            [f"Preload: at pose {first.pose} the weight on and off once, not read. The gears settle on one side."]
-            * weight
-        ),
+        f"{' names the load and' * weight} waits for the start button. Run once slowly{without}.",
+        f"Warm-up: {options.warm_up:g} min{without}, at measuring speed: {commands.warm_up}.",
+        *[f"Preload: at pose {first} the weight on and off once, not read. The gears settle on one side."] * weight,
         f"Drive state while reading: {options.drive}. The same for both states of every reading; note any change.",
         "Every pose is reached from the same side: the programme's own way, without jogging in between.",
     ]
     hours = f"About {protocol.hours:.1f} hours in all: {len(protocol.visits)} visits, {protocol.readings} readings."
     notes = (f"Note: {n}." for n in protocol.notes)
-    return SheetPart("Before", (people, *notes, hours), tuple(steps))
-
-
-def _stands(protocol: Protocol) -> list[str]:
-    """Where the tracker is set up."""
-    if not protocol.stations:
-        return []
-    names = ", then ".join(protocol.stations)
-    return [f"The tracker is set up at {names}, about where the experiment says. Each stand is a series of its own."]
-
-
-def _positions(protocol: Protocol, files: SheetFiles) -> SheetPart:
-    """What is done at a pose where positions are read."""
-    steps = (
-        "The arm arrives. People clear. Compare the pendant's angles with the sheet.",
-        f"Wait {protocol.options.settle:g} s. Read the reflectors on the floor ({files.floor}).",
-        f"Read the markers of the card, write the time and the temperature ({files.readings}).",
-        "A reading that went wrong is not overwritten: write 0 in its column use, and why in your own notes.",
-    )
-    return SheetPart("At each pose", (), steps)
+    return {"title": "Before", "texts": [people, *notes, hours], "steps": steps}
 
 
 def _at_each_pose(protocol: Protocol, files: SheetFiles) -> SheetPart:
-    if not protocol.loaded:
-        return _positions(protocol, files)
-    options, readings, floor = protocol.options, files.readings, files.floor
-    half = "Where a card says 'half', first half of the weight, read, then all of it. " if options.half else ""
-    steps = [
-        "The arm arrives without the weight. People clear. Compare the pendant's angles with the sheet.",
-        f"Wait {options.settle:g} s. Read the reflectors on the floor ({floor}).",
-        f"Unloaded: read all markers ({', '.join(protocol.markers)}), write the time and the temperature ({readings}).",
-        f"{half}Weight on, without a push. Wait {options.settle:g} s. Loaded: read all markers.",
-        f"Weight off. Wait {options.settle:g} s. Unloaded: read all markers.",
+    options, weight = protocol.options, protocol.loaded
+    wait, written = f"Wait {options.settle:g} s.", f"write the time and the temperature ({files.readings})."
+    half = "Where a card says 'half', first half of the weight, read, then all of it. " * bool(options.half)
+    under_load = [
+        f"Unloaded: read all markers ({', '.join(protocol.markers)}), {written}",
+        f"{half}Weight on, without a push. {wait} Loaded: read all markers.",
+        f"Weight off. {wait} Unloaded: read all markers.",
         f"Cycles: {options.cycles}, so weight on and off {options.cycles} times; the last state is unloaded.",
+    ]
+    steps = [
+        f"The arm arrives{' without the weight' * weight}. People clear. Compare the pendant's angles with the sheet.",
+        f"{wait} Read the reflectors on the floor ({files.floor}).",
+        *(under_load if weight else [f"Read the markers of the card, {written}"]),
         "A reading that went wrong is not overwritten: write 0 in its column use, and why in your own notes.",
     ]
-    bare = ("At a card of positions nothing hangs: its markers are read once.",) * any(
-        not v.load for v in protocol.visits
-    )
-    weight = (
+    bare = any(not visit.load for visit in protocol.visits)
+    texts = [
         "The weight never travels with the arm. Between poses it hangs from the crane or stands on its trolley, away "
         "from the way; it comes back when the arm stands still and the drives hold. A side pull is slackened first, "
-        "then unhooked."
-    )
-    return SheetPart("At each pose", (weight, *bare), tuple(steps))
+        "then unhooked.",
+        *["At a card of positions nothing hangs: its markers are read once."] * bare,
+    ]
+    return {"title": "At each pose", "texts": texts * weight, "steps": steps}
 
 
 def _order(protocol: Protocol) -> SheetPart:
-    options = protocol.options
+    options, weight = protocol.options, protocol.loaded
     order = {
         "random": f"The order is random (seed {options.seed}), so that drift cannot pass for an effect of the pose.",
         "shortest": "The order is a short way; a drift over the day may then look like an effect of the pose.",
         "plan": "The order is the plan's.",
     }[options.order]
     again = f"Visited again later: {', '.join(protocol.repeated) or 'none'}. Keep to the order, also after a break."
-    if not protocol.loaded:
-        cards = "Angles are those of the pendant. In the pictures grey lines are the base's x (longer) and y."
-        return SheetPart("Visits", (f"{order} {again}", cards))
+    states = " The number of a state is its cycle: unloaded c and loaded c make one displacement." * weight
     cards = (
-        "Angles are those of the pendant. The number of a state is its cycle: unloaded c and loaded c make one "
-        "displacement. In the pictures grey lines are the base's x (longer) and y, the red arrow is the force."
+        f"Angles are those of the pendant.{states} In the pictures grey lines are the base's x (longer) and y"
+        f"{', the red arrow is the force' * weight}."
     )
-    return SheetPart("Visits", (f"{order} {again}", cards))
+    return {"title": "Visits", "texts": [f"{order} {again}", cards], "steps": []}
 
 
 def turning_words(protocol: Protocol) -> str:
@@ -261,4 +204,4 @@ def _after(protocol: Protocol, files: SheetFiles, commands: Commands) -> SheetPa
         "whether the floor's reflectors moved. Columns that nobody filled in may stay empty; rows not measured get 0 "
         f"in the column use. Then {commands.identify}."
     )
-    return SheetPart("After", (text,))
+    return {"title": "After", "texts": [text]}

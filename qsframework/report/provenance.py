@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from qsframework.files import sha256
 from qsframework.plugin import Effect, Parameter
 from qsframework.report.blocks import ReportTable, Section, Text
-from qsframework.report.words.sizes import shown
+from qsframework.report.words.sizes import shown_number, unit_shown
 
 if TYPE_CHECKING:
     from qsframework.experiment import Experiment
@@ -71,7 +71,7 @@ def provenance_section(
         else (f"All random numbers come from seed {seed}: with it the same files give the same numbers.")
     )
     known = tuple(
-        (p.name, f"{shown(p.nominal, p.unit)[0]:.4g} {shown(1.0, p.unit)[1]}".strip(), p.source or "-")
+        (p.name, f"{shown_number(p.nominal, p.unit)} {unit_shown(p.unit)}".strip(), p.source or "-")
         for p in parameters
         if p.nominal
     )

@@ -14,6 +14,7 @@ from qsframework.diagnose.result import Diagnosis, LearnedLaw, Leftover, Line, N
 from qsframework.diagnose.second_day import FollowUp
 from qsframework.diagnose.unknown import SIZE, UnknownOutlook
 from qsframework.files import as_file
+from qsframework.files.plain import is_list, is_mapping
 from qsframework.report.words.diagnosis import diagnosis_words, limit_words, method_words
 from qsframework.report.words.follow_up import suspect_words
 from qsframework.report.words.forecast import foresight_words, size_words, why_words
@@ -27,42 +28,44 @@ _RMS = ("nominal", "identified", "extended", "heldout_identified", "heldout_exte
 
 def diagnosis_json(found: Diagnosis, day: FollowUp | None = None) -> dict[str, Any]:
     """What `qsf diagnose` writes (SI units, RMS in mm). day: the visits that settle what is open."""
-    return {
-        "account": as_file(found.account),
-        "verdict": found.verdict,
-        "headline": headline(found),
-        "words": diagnosis_words(found, day),
-        "next": [{"do": step.do, "settles": step.settles} for step in next_steps(found, day)],
-        "causes": [_cause(f) for f in found.findings],
-        "conventions": [c.name for c in found.conventions if c.compelling],
-        "mistakes": [_mistake(c) for c in found.conventions if c.compelling or c.name in SUSPECTED],
-        "data_problems": _problems(found),
-        "leftovers": [_law_json(x) for x in found.leftovers],
-        "places": [
-            {
-                "place": place_words(x.law),
-                "variable": variable_words(x.law),
-                "share": _number(x.share),
-                "sd": _number(x.sd),
-                "equivalent": [place_words(law) for law in x.equivalent],
-            }
-            for x in found.places
-        ],
-        "learned": None if found.learned is None else _learned(found, found.learned),
-        "error_mm": {name: _number(1e3 * getattr(found.rms.space, name)) for name in _RMS},
-        "rms_per_axis_mm": {name: _number(1e3 * getattr(found.rms, name)) for name in _RMS},
-        "budget": [
-            {"label": x.label, "readings_mm": _space(found, x.readings), "heldout_mm": _space(found, x.heldout)}
-            for x in error_budget(found)
-        ],
-        "lack_of_fit": {"before": _misfit(found.before), "after": _misfit(found.after)},
-        "table": [_line(x) for x in found.table],
-        "plain_alone": [x.name for x in found.plain_alone],
-        "notes": list(method_words(found)),
-        "follow_up": None if day is None else _follow_up(day),
-        "level": found.level,
-        "seed": found.seed,
-    }
+    return _finite(
+        {
+            "account": as_file(found.account),
+            "verdict": found.verdict,
+            "headline": headline(found),
+            "words": diagnosis_words(found, day),
+            "next": [{"do": step.do, "settles": step.settles} for step in next_steps(found, day)],
+            "causes": [_cause(f) for f in found.findings],
+            "conventions": [c.name for c in found.conventions if c.compelling],
+            "mistakes": [_mistake(c) for c in found.conventions if c.compelling or c.name in SUSPECTED],
+            "data_problems": _problems(found),
+            "leftovers": [_law_json(x) for x in found.leftovers],
+            "places": [
+                {
+                    "place": place_words(x.law),
+                    "variable": variable_words(x.law),
+                    "share": x.share,
+                    "sd": x.sd,
+                    "equivalent": [place_words(law) for law in x.equivalent],
+                }
+                for x in found.places
+            ],
+            "learned": None if found.learned is None else _learned(found, found.learned),
+            "error_mm": {name: 1e3 * getattr(found.rms.space, name) for name in _RMS},
+            "rms_per_axis_mm": {name: 1e3 * getattr(found.rms, name) for name in _RMS},
+            "budget": [
+                {"label": x.label, "readings_mm": _space(found, x.readings), "heldout_mm": _space(found, x.heldout)}
+                for x in error_budget(found)
+            ],
+            "lack_of_fit": {"before": _misfit(found.before), "after": _misfit(found.after)},
+            "table": [_line(x) for x in found.table],
+            "plain_alone": [x.name for x in found.plain_alone],
+            "notes": list(method_words(found)),
+            "follow_up": None if day is None else _follow_up(day),
+            "level": found.level,
+            "seed": found.seed,
+        }
+    )
 
 
 def _mistake(c: Mistake) -> dict[str, Any]:
@@ -74,8 +77,8 @@ def _mistake(c: Mistake) -> dict[str, Any]:
         "file": c.file,
         "rows": list(c.rows),
         "column": c.column,
-        "found": _number(c.found),
-        "meant": _number(c.meant),
+        "found": c.found,
+        "meant": c.meant,
         "rms_per_axis_mm": {"given": 1e3 * c.rms_given, "corrected": 1e3 * c.rms},
         "moved": [{"name": m.name, "before": m.before, "after": m.after} for m in c.moved],
     }
@@ -85,8 +88,8 @@ def _line(x: Line) -> dict[str, Any]:
     return {
         "id": x.name,
         "status": x.status.value,
-        "s": _number(x.s),
-        "p_value": _number(x.p_value),
+        "s": x.s,
+        "p_value": x.p_value,
         "bound": limit_words(x),
         "nearest": x.nearest,
         "angle_deg": _degrees(x.angle),
@@ -100,9 +103,9 @@ def _problems(found: Diagnosis) -> list[dict[str, Any]]:
         out.append({"id": "outliers", "rows": [int(r) for r in found.readings.line[found.outliers]]})
     noise: dict[str, Any] = {"id": "noise_level", "rows": [], "unit": audit.unit, "shared_mm": 1e3 * audit.shared}
     if audit.unit_source != "stated":
-        out.append({**noise, "source": audit.unit_source, "p_value": _number(audit.p_unit)})
+        out.append({**noise, "source": audit.unit_source, "p_value": audit.p_unit})
     elif audit.shared > 0.0:
-        out.append({**noise, "source": "shared pose error", "p_value": _number(audit.p_shared)})
+        out.append({**noise, "source": "shared pose error", "p_value": audit.p_shared})
     return out
 
 
@@ -110,17 +113,17 @@ def _learned(found: Diagnosis, x: LearnedLaw) -> dict[str, Any]:
     return _law_json(x.leftover) | {
         "id": x.name,
         "written": x.holds,
-        "s": _number(x.s),
-        "heldout_gain": _number(x.gain),
-        "heldout_clear": _number(x.clear),
+        "s": x.s,
+        "heldout_gain": x.gain,
+        "heldout_clear": x.clear,
         "heldout_mm": _space(found, x.heldout),
-        "weights": {name: _number(x.alone.value(name)) for name in x.cause.names},
-        "averaged": [{"id": c.name, "share": _number(share)} for c, share in zip(x.causes, x.shares, strict=True)],
+        "weights": {name: x.alone.value(name) for name in x.cause.names},
+        "averaged": [{"id": c.name, "share": share} for c, share in zip(x.causes, x.shares, strict=True)],
         "looks_like": [
             {
                 "id": a.name,
-                "share": _number(a.share),
-                "s_of_the_rest": _number(a.left),
+                "share": a.share,
+                "s_of_the_rest": a.left,
                 "same_place": a.here,
                 "opposite_sign": a.turned,
             }
@@ -134,8 +137,8 @@ def _law_json(x: Leftover) -> dict[str, Any]:
         "id": x.law.name,
         "place": place_words(x.law),
         "variable": variable_words(x.law),
-        "p_value": _number(x.p_value),
-        "evidence": _number(x.evidence),
+        "p_value": x.p_value,
+        "evidence": x.evidence,
     }
 
 
@@ -147,8 +150,8 @@ def _cause(f: NamedCause) -> dict[str, Any]:
         "s": f.s,
         "delta_ebic": f.ebic_gain,
         "parameters": {v.name: {"value": v.value, "unit": v.unit, "sd": v.sd, "initial": v.initial} for v in f.values},
-        "heldout_gain": _number(f.heldout_gain),
-        "heldout_clear": _number(f.heldout_clear),
+        "heldout_gain": f.heldout_gain,
+        "heldout_clear": f.heldout_clear,
         "doubtful": f.doubtful,
         "hangs_on": [list(h) for h in f.hangs_on],
         "instead": None if f.instead is None else _law_json(f.instead),
@@ -159,7 +162,7 @@ def _misfit(fit: LackOfFit) -> dict[str, Any]:
     return {
         "chi2": fit.square,
         "dof": fit.dof,
-        "p_replicates": _number(fit.p_replicates),
+        "p_replicates": fit.p_replicates,
         "dof_replicates": fit.free_replicates,
         "trends": [{"variable": t.variable, "p_value": t.p_value, "share": t.share} for t in fit.trends],
     }
@@ -169,47 +172,48 @@ def _follow_up(found: FollowUp) -> dict[str, Any]:
     """Chances from 0 to 1; positions in mm."""
     return {
         "visits": len(found.plan.pose),
-        "place_before": _number(found.before),
-        "place_after": _number(found.after),
-        "variable_before": _number(found.variable_before),
-        "variable_after": _number(found.variable_after),
+        "place_before": found.before,
+        "place_after": found.after,
+        "variable_before": found.variable_before,
+        "variable_after": found.variable_after,
         "mounts": [_mount(m) for m in found.mounts],
-        "open": [{"explanation": suspect_words(s), "share": _number(s.share)} for s in found.suspects],
+        "open": [{"explanation": suspect_words(s), "share": s.share} for s in found.suspects],
     }
 
 
 def foresight_json(found: Foresight) -> dict[str, Any]:
     """What `qsf diagnose` writes of a plan; sizes in SI."""
-    return {
-        "poses": found.poses,
-        "sigma_mm": 1e3 * found.sigma,
-        "level": found.level,
-        "power": found.power,
-        "share": found.share,
-        "seed": found.seed,
-        "words": list(foresight_words(found)),
-        "causes": [_prospect(p) for p in found.prospects],
-        "not_tested": [{"id": u.name, "needs": list(u.needs)} for u in found.untested],
-        "pairs": [
-            {"first": p.first, "second": p.second, "angle_deg": _degrees(p.angle), "s": _number(p.s)}
-            for p in found.pairs
-        ],
-        "groups": [list(g) for g in found.groups],
-        "unknown": None if found.unknown is None else _unknown(found.unknown),
-    }
+    return _finite(
+        {
+            "poses": found.poses,
+            "sigma_mm": 1e3 * found.sigma,
+            "level": found.level,
+            "power": found.power,
+            "share": found.share,
+            "seed": found.seed,
+            "words": list(foresight_words(found)),
+            "causes": [_prospect(p) for p in found.prospects],
+            "not_tested": [{"id": u.name, "needs": list(u.needs)} for u in found.untested],
+            "pairs": [
+                {"first": p.first, "second": p.second, "angle_deg": _degrees(p.angle), "s": p.s} for p in found.pairs
+            ],
+            "groups": [list(g) for g in found.groups],
+            "unknown": None if found.unknown is None else _unknown(found.unknown),
+        }
+    )
 
 
 def _unknown(found: UnknownOutlook) -> dict[str, Any]:
     return {
         "s": SIZE,
-        "place": _number(found.chance),
+        "place": found.chance,
         "places": [
             {
                 "place": place_words(p.place),
                 "shown": p.shown,
-                "first": _number(p.chance),
+                "first": p.chance,
                 "instead": None if p.instead is None else place_words(p.instead),
-                "instead_share": _number(p.instead_chance),
+                "instead_share": p.instead_chance,
             }
             for p in found.places
         ],
@@ -223,7 +227,7 @@ def _mount(mount: Mount) -> dict[str, Any]:
         "link": mount.marker.link,
         "xyz_mm": [1e3 * float(v) for v in mount.marker.xyz],
         "along": mount.along or None,
-        "place_after": _number(mount.chance),
+        "place_after": mount.chance,
     }
 
 
@@ -236,8 +240,8 @@ def _prospect(p: Prospect) -> dict[str, Any]:
                 "parameter": x.parameter.name,
                 "unit": x.parameter.unit,
                 "s_typical": x.s,
-                "detect": _number(x.detect),
-                "name": _number(x.name),
+                "detect": x.detect,
+                "name": x.name,
                 "detect_words": size_words(x, x.detect),
                 "name_words": size_words(x, x.name),
             }
@@ -250,14 +254,19 @@ def _prospect(p: Prospect) -> dict[str, Any]:
     }
 
 
-def _space(found: Diagnosis, per_axis: float) -> float | None:
+def _space(found: Diagnosis, per_axis: float) -> float:
     """The 3D RMS in mm."""
-    return _number(1e3 * found.rms.in_space(per_axis))
+    return 1e3 * found.rms.in_space(per_axis)
 
 
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
+def _degrees(angle: float) -> float:
+    return float(np.rad2deg(angle))
 
 
-def _degrees(angle: float) -> float | None:
-    return _number(float(np.rad2deg(angle)))
+def _finite(value: Any) -> Any:
+    """The same with nothing in the place of numbers that are not finite."""
+    if is_mapping(value):
+        return {key: _finite(entry) for key, entry in value.items()}
+    if is_list(value):
+        return [_finite(entry) for entry in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from qsframework.report.blocks import ReportTable, SceneView, Section
+from qsframework.report.words.sizes import number
 from qsframework.robot import Robot
 from qsframework.viz import robot_row
 
@@ -17,7 +18,7 @@ def joint_table(robot: Robot) -> ReportTable:
     """Limits as the pendant shows them, and the largest torque."""
     c, most = robot.controller, robot.torque_limits
     most = np.full(robot.facts.n, np.inf) if most is None else most
-    torque = [f"{t:.4g}" if np.isfinite(t) else "-" for t in most]
+    torque = [number(t, ".4g") for t in most]
     limits = dict(zip(robot.facts.driven, c.units.shown([c.lower, c.upper]).T, strict=True))
     ends = [[f"{v:.4g}" for v in limits[j]] if j in limits else ["follows", "-"] for j in robot.facts.joints]
     rows = [(j, *own, t) for j, own, t in zip(robot.facts.joints, ends, torque, strict=True)]

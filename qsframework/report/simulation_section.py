@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import html
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from qsframework.experiment import Experiment, Plan, Simulation
 from qsframework.plugin import Array
-from qsframework.report.blocks import Figure, ReportTable, SceneView, Section, Text
+from qsframework.report.blocks import Figure, Plot, ReportTable, SceneView, Section, Text
 from qsframework.report.plots import GREY, blank
-from qsframework.report.words.sizes import shown
+from qsframework.report.words.sizes import mm, shown_number, unit_shown
 from qsframework.viz import show_scene
 from qsframework.viz.deflection import deflection
-
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure as Plot
 
 _LOOK = (
     "Bars: how far each marker moves under the load, without noise; the dotted line is the noise of one coordinate. "
@@ -59,8 +55,7 @@ def deflection_table(experiment: Experiment, plan: Plan, moved: Array) -> Report
             plan.pose[i],
             plan.load[i] or "-",
             m.name,
-            *(f"{1e3 * v:.4f}" for v in moved[i, k]),
-            f"{1e3 * np.linalg.norm(moved[i, k]):.4f}",
+            *(mm(v, 4) for v in (*moved[i, k], float(np.linalg.norm(moved[i, k])))),
         )
         for i in range(len(plan.pose))
         for k, m in enumerate(experiment.markers)
@@ -81,9 +76,9 @@ def truth_table(result: Simulation) -> ReportTable:
     """The parameters of the simulation beside the nominal ones."""
     rows: list[tuple[str, ...]] = []
     for p, x in zip(result.model.parameters, result.x, strict=True):
-        unit = shown(1.0, p.unit)[1]
         change = f"{100 * (x / p.nominal - 1):+.1f} %" if p.nominal else "-"
-        rows.append((p.name, f"{shown(float(x), p.unit)[0]:.5g}", f"{shown(p.nominal, p.unit)[0]:.5g}", unit, change))
+        numbers = (shown_number(v, p.unit, 5) for v in (x, p.nominal))
+        rows.append((p.name, *numbers, unit_shown(p.unit), change))
     header = ("parameter", "in the simulation", "nominal", "unit", "change")
     return ReportTable(header, tuple(rows), "A fit of the readings should find the second column within its sds.")
 

@@ -3,53 +3,46 @@
 from __future__ import annotations
 
 import html
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from qsframework.identify.validate import Validation, ValidationErrors
-from qsframework.report.blocks import Figure, ReportTable, Section, Text
+from qsframework.report.blocks import Figure, Plot, ReportTable, Section, Text
 from qsframework.report.fit_plots import distribution_figure
 from qsframework.report.plots import AFTER, blank
+from qsframework.report.words.sizes import mm
 from qsframework.report.words.validation import validation_words
-
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure as Plot
 
 
 def validation_tables(found: Validation) -> tuple[ReportTable, ...]:
     """The 3D error before and after, and RMS by axis, for all readings and for each series."""
     parts = (found.whole, *(found.parts if len(found.parts) > 1 else ()))
-    header = ("3D error", "count", "RMS, mm", "mean, mm", "95 %, mm", "max, mm", "nominal RMS", "nominal max")
-    rows: list[tuple[str, ...]] = []
-    for part in parts:
-        before = part.summary(before=True)
-        rows.append((part.name, str(part.count), *map(_mm, (*part.summary(), before[0], before[-1]))))
-    axes = tuple((part.name, *map(_mm, part.axes())) for part in parts)
     tables = [
         ReportTable(
-            header,
-            tuple(rows),
+            ("3D error", "count", "RMS, mm", "mean, mm", "95 %, mm", "max, mm", "nominal RMS", "nominal max"),
+            tuple((p.name, str(p.count), *_in_mm(*p.summary(), *p.summary(before=True)[::3])) for p in parts),
             "Distance of the measured from the predicted point. Nominal: nominal model, best-fit alignment.",
         ),
         ReportTable(
-            ("RMS by axis", "x, mm", "y, mm", "z, mm"), axes, "Gauges: along the gauge axis, in the first column."
+            ("RMS by axis", "x, mm", "y, mm", "z, mm"),
+            tuple((p.name, *_in_mm(*p.axes())) for p in parts),
+            "Gauges: along the gauge axis, in the first column.",
         ),
     ]
     if found.halves:
-        low, middle, high = np.quantile(found.spread, [0.0, 0.5, 1.0])
+        sizes = _in_mm(*np.quantile(found.spread, [0.0, 0.5, 1.0]))
         tables.append(
             ReportTable(
                 ("RMS of the 3D error by half", "mm"),
-                (("smallest", _mm(low)), ("median", _mm(middle)), ("largest", _mm(high))),
+                tuple(zip(("smallest", "median", "largest"), sizes, strict=True)),
                 "Each half of the poses fitted, the errors those of the other.",
             )
         )
     return tuple(tables)
 
 
-def _mm(value: float) -> str:
-    return f"{1e3 * value:.4f}" if np.isfinite(value) else "-"
+def _in_mm(*values: float) -> list[str]:
+    return [mm(v, 4) for v in values]
 
 
 def validation_section(found: Validation) -> Section:
@@ -66,8 +59,8 @@ def validation_section(found: Validation) -> Section:
     )
 
 
-def _distribution(part: ValidationErrors) -> tuple[Figure, ...]:
-    sizes = {"nominal": part.distances(before=True), "identified": part.distances()}
+def _distribution(errors: ValidationErrors) -> tuple[Figure, ...]:
+    sizes = {"nominal": errors.distances(before=True), "identified": errors.distances()}
     return (distribution_figure(sizes),) if len(sizes["identified"]) else ()
 
 

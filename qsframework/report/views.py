@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import html as escaping
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import singledispatch
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -21,14 +21,13 @@ from qsframework.identify import Fit
 from qsframework.identify.columns import values_of
 from qsframework.identify.validate import Validation
 from qsframework.plugin import Array
-from qsframework.report.blocks import ReportTable, Verdict
+from qsframework.report.blocks import Plot, ReportTable, Verdict
 from qsframework.report.compare_section import path_figure, sd_tables, summary_table
 from qsframework.report.compensation_section import target_table
 from qsframework.report.diagnosis_plots import budget_figure
 from qsframework.report.diagnosis_tables import cause_table, doubtful_table, error_rows, verdict_groups
-from qsframework.report.fit_plots import distribution_figure
+from qsframework.report.fit_plots import distribution_figure, parameter_figure
 from qsframework.report.fit_section import error_tables, fit_table
-from qsframework.report.parameter_plots import parameter_figure
 from qsframework.report.plan_section import pose_table
 from qsframework.report.plots import COLOURS, SYMBOLS, blank, plotted
 from qsframework.report.robot_section import joint_table
@@ -39,15 +38,13 @@ from qsframework.report.words.compensation import compensation_verdict
 from qsframework.report.words.fit import fit_verdict
 from qsframework.report.words.headline import headline
 from qsframework.report.words.plan import certificate_text
-from qsframework.report.words.sizes import shown
+from qsframework.report.words.sizes import mm, shown_number, unit_shown
 from qsframework.report.words.validation import validation_verdict
 from qsframework.robot import Robot
 from qsframework.terminal import paragraphs, table_lines, width
 from qsframework.units import JointUnits
 
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure as Plot
-
+_AXES = ("x_m", "y_m", "z_m")
 _ROWS = 10
 """Of readings, targets and parameters that text shows."""
 
@@ -122,10 +119,13 @@ def _fit(fit: Fit) -> ResultView:
 @view_of.register
 def _plan(plan: Plan) -> ResultView:
     units = plan.units or JointUnits((False,) * plan.pendant.shape[1])
-    columns: dict[str, Any] = {"pose": plan.pose}
-    columns |= _joint_columns(plan.pendant, units)
-    columns |= {name: plan.wrench[:, k] for k, name in enumerate(WRENCH_NAMES)}
-    columns |= {"load": plan.load, "repeats": plan.repeats}
+    columns = {
+        "pose": plan.pose,
+        **_joint_columns(plan.pendant, units),
+        **_columns(WRENCH_NAMES, plan.wrench),
+        "load": plan.load,
+        "repeats": plan.repeats,
+    }
     said = f"{len(plan.pose)} poses, {sum(plan.repeats)} with their repeats. {certificate_text(plan)}"
 
     def figure() -> Plot:
@@ -146,16 +146,21 @@ def _readings(readings: Readings) -> ResultView:
     said = f"{len(readings)} readings ({counts or 'none'}) of {len(set(readings.pose))} poses, from {readings.where}"
     said += f"; {masked} masked." if masked else "."
     loads = readings.poses.wrench[readings.plus, :3]
-    columns: dict[str, Any] = {"pose": readings.pose, "kind": readings.kind, "marker": readings.marker}
-    columns |= {f"{axis}_m": readings.value[:, k] for k, axis in enumerate("xyz")}
-    columns |= {f"sigma_{axis}_m": readings.sigma[:, k] for k, axis in enumerate("xyz")}
-    columns |= {name: loads[:, k] for k, name in enumerate(WRENCH_NAMES[:3])}
-    columns |= {"use": readings.use, "line": readings.line}
+    columns = {
+        "pose": readings.pose,
+        "kind": readings.kind,
+        "marker": readings.marker,
+        **_columns(_AXES, readings.value),
+        **_columns(("sigma_x_m", "sigma_y_m", "sigma_z_m"), readings.sigma),
+        **_columns(WRENCH_NAMES[:3], loads),
+        "use": readings.use,
+        "line": readings.line,
+    }
     rows = tuple(
         (
             readings.pose[i],
             str(readings.kind[i]),
-            *(_mm(v) for v in readings.value[i]),
+            *map(mm, readings.value[i]),
             ", ".join(f"{f:.0f}" for f in loads[i]),
             "" if readings.use[i] else "masked",
         )
@@ -179,7 +184,7 @@ def _readings(readings: Readings) -> ResultView:
 
 @view_of.register
 def _diagnosis(found: Diagnosis) -> ResultView:
-    columns: dict[str, Any] = {
+    columns = {
         "cause": [x.name for x in found.table],
         "status": [x.status.value for x in found.table],
         "s": [x.s for x in found.table],
@@ -198,10 +203,12 @@ def _diagnosis(found: Diagnosis) -> ResultView:
 
 @view_of.register
 def _validation(found: Validation) -> ResultView:
-    e, before = found.whole.errors, found.whole.before
-    columns: dict[str, Any] = {"pose": found.poses, "line": found.lines}
-    columns |= {f"error_{axis}_m": e[:, k] for k, axis in enumerate("xyz")}
-    columns |= {f"nominal_error_{axis}_m": before[:, k] for k, axis in enumerate("xyz")}
+    columns = {
+        "pose": found.poses,
+        "line": found.lines,
+        **_columns(("error_x_m", "error_y_m", "error_z_m"), found.whole.errors),
+        **_columns(("nominal_error_x_m", "nominal_error_y_m", "nominal_error_z_m"), found.whole.before),
+    }
     sizes = {"nominal": found.whole.distances(before=True), "identified": found.whole.distances()}
     return ResultView(
         _said(validation_verdict(found)), validation_tables(found), columns, lambda: distribution_figure(sizes).figure
@@ -224,7 +231,7 @@ def _experiment(experiment: Experiment) -> ResultView:
         parameters = experiment.fit_parameters()
     except QsfError:  # a campaign that cannot be fitted can still be looked at
         parameters = ()
-    columns: dict[str, Any] = {
+    columns = {
         "parameter": [p.name for p in parameters],
         "nominal": [p.nominal for p in parameters],
         "sd": [np.nan if p.sd is None else p.sd for p in parameters],
@@ -234,7 +241,7 @@ def _experiment(experiment: Experiment) -> ResultView:
         f"{len(parameters)} parameters to estimate, {len(experiment.markers)} markers, {len(experiment.loads)} loads"
     )
     said = f"{experiment.path}: {experiment.robot.title}, {counts}"
-    rows = tuple((p.name, f"{shown(p.nominal, p.unit)[0]:.4g}", shown(p.nominal, p.unit)[1]) for p in parameters)
+    rows = tuple((p.name, shown_number(p.nominal, p.unit), unit_shown(p.unit)) for p in parameters)
     return ResultView(said, (_first(("parameter", "nominal", "unit"), rows),), columns)
 
 
@@ -246,8 +253,7 @@ def _simulation(made: Simulation) -> ResultView:
 
 @view_of.register
 def _stiffness(found: Stiffness) -> ResultView:
-    columns: dict[str, Any] = {"spring": found.names}
-    columns |= {f"{axis}_m": found.shares[:, k] for k, axis in enumerate("xyz")}
+    columns = {"spring": found.names, **_columns(_AXES, found.shares)}
 
     def figure() -> Plot:
         out = blank("Deflection by spring", "", "mm")
@@ -260,11 +266,13 @@ def _stiffness(found: Stiffness) -> ResultView:
 
 @view_of.register
 def _targets(targets: Targets) -> ResultView:
-    columns: dict[str, Any] = {"target": targets.name}
-    columns |= {f"{axis}_m": targets.wanted.position[:, k] for k, axis in enumerate("xyz")}
-    columns |= {name: targets.wrench[:, k] for k, name in enumerate(WRENCH_NAMES)}
+    columns = {
+        "target": targets.name,
+        **_columns(_AXES, targets.wanted.position),
+        **_columns(WRENCH_NAMES, targets.wrench),
+    }
     rows = tuple(
-        (name, *map(_mm, at), ", ".join(f"{f:.0f}" for f in wrench[:3]))
+        (name, *map(mm, at), ", ".join(f"{f:.0f}" for f in wrench[:3]))
         for name, at, wrench in zip(targets.name, targets.wanted.position, targets.wrench, strict=True)
     )
     said = f"{len(targets)} {'Cartesian' if targets.cartesian else 'joint'} targets, from {targets.path or 'Python'}"
@@ -273,12 +281,12 @@ def _targets(targets: Targets) -> ResultView:
 
 @view_of.register
 def _compensation(found: Compensation) -> ResultView:
-    columns: dict[str, Any] = {
+    columns = {
         "target": found.targets.name,
         "uncorrected_m": found.uncorrected,
         "expected_error_m": found.sd,
+        **_joint_columns(found.pendant, found.units),
     }
-    columns |= _joint_columns(found.pendant, found.units)
 
     def figure() -> Plot:
         out = blank("Position error", "target", "mm")
@@ -293,7 +301,7 @@ def _compensation(found: Compensation) -> ResultView:
 
 @view_of.register
 def _comparison(found: Comparison) -> ResultView:
-    columns: dict[str, Any] = {
+    columns = {
         "robot": [r.robot.name for r in found.robots for _ in r.task],
         "point": [k + 1 for r in found.robots for k in range(len(r.task))],
         "deflection_m": [v for r in found.robots for v in r.task.tolist()],
@@ -303,9 +311,14 @@ def _comparison(found: Comparison) -> ResultView:
     return ResultView(_said(comparison_verdict(found)), tables, columns, lambda: path_figure(found))
 
 
-def _joint_columns(pendant: Array, units: JointUnits) -> dict[str, Array]:
+def _columns(names: Sequence[str], values: Array) -> dict[str, Any]:
+    """Columns (N, k) by their names."""
+    return dict(zip(names, values.T, strict=True))
+
+
+def _joint_columns(pendant: Array, units: JointUnits) -> dict[str, Any]:
     """Joint values (N, n), SI, by the names of their columns."""
-    return {f"q{k + 1}_{'m' if s else 'rad'}": pendant[:, k] for k, s in enumerate(units.sliding)}
+    return _columns([f"q{k + 1}_{'m' if s else 'rad'}" for k, s in enumerate(units.sliding)], pendant)
 
 
 def _first(header: tuple[str, ...], rows: tuple[tuple[str, ...], ...], caption: str = "") -> ReportTable:
@@ -316,7 +329,3 @@ def _first(header: tuple[str, ...], rows: tuple[tuple[str, ...], ...], caption: 
 
 def _said(verdict: Verdict) -> str:
     return f"{verdict.word}: {verdict.said}"
-
-
-def _mm(value: Array | float) -> str:
-    return f"{1e3 * float(value):.3f}" if np.isfinite(value) else "-"

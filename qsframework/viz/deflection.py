@@ -1,4 +1,4 @@
-"""The deflected robot, exaggerated: where the loaded arm stands less where it was wanted, on the commanded pose."""
+"""The deflected robot, exaggerated: the loaded arm less where it was wanted; and how stiff it is in each direction."""
 
 from __future__ import annotations
 
@@ -6,16 +6,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.elastostatics import Model
+from qsframework.elastostatics import Model, cartesian_compliance
 from qsframework.elastostatics.equilibrium import settle
 from qsframework.elastostatics.motion import move, nominal_actuators
 from qsframework.elastostatics.so3 import exponential, rotation_vector
 from qsframework.elastostatics.state import State, place
 from qsframework.plugin import Array, Context, Poses
 from qsframework.viz.robot_shapes import link_frames
+from qsframework.viz.scene import Colour, Scene
 
 _SETTLED = 256
 """Poses settled at a time."""
+COLOUR: Colour = (0.95, 0.55, 0.1, 0.45)
+_SMALLEST = 1e-3
+"""Part of the longest half axis below which a flat ellipsoid is not drawn flatter."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,3 +91,19 @@ def rigid(model: Model, q: Array) -> State:
     phi = nominal_actuators(layout, np.ascontiguousarray(q.T))
     motion = move(layout, context, phi, np.zeros((layout.bars, len(q))))
     return place(motion, model.tip, model.markers)
+
+
+def half_axes(model: Model, poses: Poses, x: Array | None, force: float) -> Array:
+    """Half axes (N, 3, 3), columns, m, of {C f : |f| = force}, C the tip's translational compliance under the load."""
+    C = cartesian_compliance(model, poses, x)[:, :3, :3]
+    U, size, _ = np.linalg.svd(C)
+    return U * (force * size)[:, None, :]
+
+
+def draw_ellipsoid(scene: Scene, path: str, centre: Array, axes: Array, scale: float, colour: Colour = COLOUR) -> None:
+    """The half axes (3, 3) about a point (3,), exaggerated; nothing where nothing gives."""
+    size = np.linalg.norm(axes, axis=0)
+    if size.max() <= 0.0:
+        return
+    least = np.maximum(_SMALLEST * size.max() / np.maximum(size, 1e-300), 1.0)
+    scene.ellipsoid(path, centre, scale * axes * least, colour)

@@ -1,6 +1,8 @@
-"""The robot: its solids, the bars of its loops and its balancers, all from the spec."""
+"""The robot: its solids, the bars of its loops and its balancers, all from the spec; its ghosts and its way."""
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 import numpy as np
 
@@ -22,6 +24,10 @@ _DRAWN = 3000
 """Most triangles of a mesh."""
 _THIN = 0.018
 """Radius, as a part of the arm's reach, of bars, springs, and of the bones of an arm without solids."""
+MOST = 30
+"""Poses of which a ghost is drawn; more would hide each other, and slow the page."""
+_PALE: Colour = (0.55, 0.6, 0.7, 1.0)
+_OPACITY = 0.10
 
 
 def link_frames(placed: Frames, i: int) -> Array:
@@ -32,6 +38,11 @@ def link_frames(placed: Frames, i: int) -> Array:
 def reach(facts: RobotFacts) -> float:
     """Length (m) of the stretched arm: the distances of its joints added up."""
     return float(np.linalg.norm(facts.placements[1:, :3, 3], axis=1).sum()) or 1.0
+
+
+def flange_of(robot: Robot, links: Array) -> Array:
+    """The flange's frame (4, 4), its links at (links, 4, 4)."""
+    return links[robot.flange.link] @ robot.flange.placement
 
 
 def deflected_look(robot: Robot) -> tuple[Colour, str]:
@@ -149,3 +160,15 @@ def draw_balancers(
         scene.rod(f"{where}/rod", middle, ends[1], 0.5 * radius, colour)
         for k in range(2):
             scene.sphere(f"{where}/pivot_{k}", 1.2 * radius, placed_at(ends[k]), colour)
+
+
+def draw_ghost(scene: Scene, path: str, robot: Robot, links: Array, q: Array) -> None:
+    """A pale robot with its flange's frame."""
+    draw_robot(scene, path, robot, links, q, _OPACITY, _PALE, frozenset({0}))
+    scene.axes(f"{path}/flange", flange_of(robot, links), 0.12)
+
+
+def draw_way(scene: Scene, path: str, points: Array) -> None:
+    """Thin arrows between the load points (N, 3), in the plan's order; the arm itself does not move straight."""
+    for i, (start, end) in enumerate(pairwise(points)):
+        scene.arrow(f"{path}/{i}", start, end - start, 0.006, (*_PALE[:3], 0.6))

@@ -11,14 +11,20 @@ from qsframework.elastostatics.state import State
 from qsframework.errors import InputError, NotConverged
 from qsframework.experiment import Experiment, Plan
 from qsframework.plugin import Array, Indices
-from qsframework.viz.deflection import Deflection, deflection, rigid
-from qsframework.viz.ellipsoids import draw_ellipsoid, half_axes
-from qsframework.viz.ghosts import MOST, draw_ghost, draw_way
+from qsframework.viz.deflection import Deflection, deflection, draw_ellipsoid, half_axes, rigid
 from qsframework.viz.glow import Shares, draw_shares, shares, spots
-from qsframework.viz.limits import draw_limits, draw_obstacles, draw_sight
 from qsframework.viz.meshes import Meshes
-from qsframework.viz.residual_arrows import draw_residuals
-from qsframework.viz.robot_shapes import deflected_look, draw_robot, link_frames, reach
+from qsframework.viz.robot_shapes import (
+    MOST,
+    deflected_look,
+    draw_ghost,
+    draw_robot,
+    draw_solid,
+    draw_way,
+    flange_of,
+    link_frames,
+    reach,
+)
 from qsframework.viz.scene import Colour, Facts, Scene, placed_at
 
 _MARKER: Colour = (0.1, 0.3, 0.9, 1.0)
@@ -35,6 +41,13 @@ MOMENT: Colour = (0.55, 0.1, 0.65, 1.0)
 _INK = {"force": "#a01010", "moment": "#6b1278"}
 _LONGEST = 0.7
 """Length (m) of the arrow of the plan's largest force, and of its largest moment."""
+
+_RESIDUAL: Colour = (0.75, 0.1, 0.5, 1.0)
+_FORBIDDEN: Colour = (0.85, 0.35, 0.2, 0.12)
+_WALL: Colour = (0.2, 0.45, 0.75, 0.07)
+_STATION: Colour = (0.1, 0.6, 0.25, 1.0)
+_FENCE: Colour = (0.55, 0.45, 0.25, 0.15)
+_SHEET = 0.004
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,10 +91,10 @@ def show_scene(
     for i in range(len(plan.pose)):
         drawing.pose(i)
     drawing.order()
-    draw_limits(scene, "limits", experiment)
+    _draw_limits(scene, experiment)
     scene.layer("limits", "limits", shown=False)
     if experiment.constraints.obstacles:
-        draw_obstacles(scene, "obstacles", experiment)
+        _draw_obstacles(scene, experiment)
         scene.layer("obstacles", "obstacles")
     if missed is not None:
         drawing.residuals(missed)
@@ -142,7 +155,7 @@ class _Drawing:
         scene, robot, path = self.scene, self.experiment.robot, f"poses/{i}"
         links, tip = self.frames[i], self.state.tip.position[:, i]
         draw_robot(scene, f"{path}/robot", robot, links, self.plan.q[i], meshes=self.meshes)
-        scene.axes(f"{path}/robot/flange", links[robot.flange.link] @ robot.flange.placement, 0.25)
+        scene.axes(f"{path}/robot/flange", flange_of(robot, links), 0.25)
         scene.layer("robot", f"{path}/robot")
         for k, marker in enumerate(self.state.markers):
             scene.sphere(f"{path}/markers/{k}", 0.03, placed_at(marker.position[:, i]), _MARKER)
@@ -204,7 +217,8 @@ class _Drawing:
             return
         for k, marker in enumerate(self.experiment.markers):
             if sight.markers is None or marker.name in sight.markers:
-                draw_sight(self.scene, f"{path}/markers/sight_{k}", sight.station, self.state.markers[k].position[:, i])
+                end = self.state.markers[k].position[:, i]
+                self.scene.rod(f"{path}/markers/sight_{k}", sight.station, end, 0.004, (*_STATION[:3], 0.6))
 
     def order(self) -> None:
         """The way through the load points, and the layer of the ghosts."""
@@ -220,7 +234,8 @@ class _Drawing:
         for pose in np.unique(missed.pose).tolist():
             rows = missed.pose == pose
             path = "residuals" if pose < 0 else f"poses/{pose}/residuals"
-            draw_residuals(self.scene, path, missed.start[rows], missed.vector[rows], self.scale)
+            for i, (start, residual) in enumerate(zip(missed.start[rows], missed.vector[rows], strict=True)):
+                self.scene.arrow(f"{path}/{i}", start, self.scale * residual, 0.010, _RESIDUAL)
             self.scene.layer("residuals", path)
         rms = 1e3 * float(np.sqrt(np.mean(missed.vector**2)))
         self.scene.notes.append(
@@ -246,3 +261,62 @@ def draw_loads(scene: Scene, path: str, point: Array, wrench: Array, largest: Ar
 def largest_loads(wrench: Array) -> Array:
     """The largest force (N) and moment (N m) of wrenches (N, 6)."""
     return np.array([np.linalg.norm(wrench[:, part], axis=1).max(initial=0.0) for part in (slice(0, 3), slice(3, 6))])
+
+
+def _draw_obstacles(scene: Scene, experiment: Experiment) -> None:
+    """What stands around the arm; a plane as a sheet of the arm's size."""
+    size = 0.8 * reach(experiment.robot.facts)
+    for k, shape in enumerate(experiment.constraints.obstacles):
+        where = f"obstacles/{k}"
+        if shape.kind == "plane":
+            middle = shape.placement.copy()
+            normal, point = middle[:3, 2], middle[:3, 3]
+            middle[:3, 3] = (normal @ point) * normal  # as near to the base as the plane comes
+            middle[2, 3] += 0.5 * size * float(abs(normal[2]) < 0.5)
+            scene.box(where, (2.0 * size, 2.0 * size, _SHEET), middle, _FENCE)
+        else:
+            draw_solid(scene, where, shape, shape.rgba)
+    names = [shape.name for shape in experiment.constraints.obstacles]
+    if names:
+        scene.notes.append(f"Brown: what stands around the arm: {', '.join(names)}.")
+
+
+def _draw_limits(scene: Scene, experiment: Experiment) -> None:
+    """All limits of the experiment that are places; the scene gets a note on each."""
+    limits = experiment.constraints
+    size = 1.2 * reach(experiment.robot.facts)
+    if limits.floor is not None:
+        place = placed_at(np.array([0.0, 0.0, limits.floor - 0.5 * _SHEET]))
+        scene.box("limits/floor", (2.0 * size, 2.0 * size, _SHEET), place, _FORBIDDEN)
+        scene.notes.append(f"Floor: no solid of the moving links below {limits.floor:g} m.")
+    if limits.axis1_distance_min is not None and not experiment.robot.facts.sliding[0]:
+        radius = limits.axis1_distance_min
+        scene.cylinder("limits/axis_1", radius, 2.0 * size, placed_at(np.array([0.0, 0.0, size])), _FORBIDDEN)
+        scene.notes.append(f"Cylinder: {_words(limits.of)} stays {radius:g} m or more from axis 1.")
+    _draw_box(scene, experiment, size)
+    if limits.sight is not None:
+        scene.sphere("limits/station", 0.08, placed_at(limits.sight.station), _STATION)
+        scene.notes.append("Green ball: the tracker.")
+
+
+def _draw_box(scene: Scene, experiment: Experiment, size: float) -> None:
+    """A wall at each side of the box that is given; the others are open."""
+    limits = experiment.constraints
+    low = np.array([-size if v is None else v for v in (limits.x_min, limits.y_min, limits.z_min)])
+    high = np.array([size if v is None else v for v in (limits.x_max, limits.y_max, limits.z_max)])
+    given: list[str] = []
+    for k, axis in enumerate("xyz"):
+        for side, values in (("min", low), ("max", high)):
+            value = getattr(limits, f"{axis}_{side}")
+            if value is None:
+                continue
+            middle, lengths = 0.5 * (low + high), high - low
+            middle[k], lengths[k] = values[k], _SHEET
+            scene.box(f"limits/{axis}_{side}", tuple(lengths.tolist()), placed_at(middle), _WALL)
+            given.append(f"{axis} {'>=' if side == 'min' else '<='} {value:g} m")
+    if given:
+        scene.notes.append(f"Walls: {_words(limits.of)} stays at {', '.join(given)}.")
+
+
+def _words(point: str) -> str:
+    return "the " + point.replace("_", " ")

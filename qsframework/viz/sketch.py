@@ -15,7 +15,7 @@ from qsframework.elastostatics import Site
 from qsframework.plugin import Array
 from qsframework.robot import Robot, Shape
 from qsframework.robot.kinematics import joint_frames
-from qsframework.viz.robot_shapes import link_frames, reach
+from qsframework.viz.robot_shapes import flange_of, link_frames, reach
 
 _AZIMUTH, _ELEVATION = np.deg2rad(-55.0), np.deg2rad(18.0)
 """Where one looks from: x of the base to the right and towards the reader."""
@@ -116,7 +116,7 @@ def _ground(robot: Robot, view: Array) -> list[_Drawn]:
 
 def _load(robot: Robot, site: Site, links: Array, point: Array, force: Array, view: Array) -> list[_Drawn]:
     """The tool as a line from the flange, and the force as an arrow that begins at the load point."""
-    flange = (links[robot.flange.link] @ robot.flange.placement)[:3, 3]
+    flange = flange_of(robot, links)[:3, 3]
     tool = (np.stack([flange, point]) @ view.T)[:, :2]
     out = [_Drawn(tool, np.inf, "stroke:#333;stroke-width:2;fill:none", False)]
     length = float(np.linalg.norm(force))

@@ -17,11 +17,11 @@ from qsframework.experiment import (
     Readings,
     StatedNoise,
     make_plan,
+    make_rows,
 )
 from qsframework.plugin import Array, Indices, Poses
 from qsframework.plugin.facts import frozen
 from qsframework.robot import Robot
-from qsframework.viz.residual_arrows import residuals
 from qsframework.viz.show_scene import Residuals, place_poses
 
 MOST = 40
@@ -79,21 +79,50 @@ def one_pose(experiment: Experiment, pendant: Array | None, load: Array | None) 
     return make_plan(poses, [name], names=[f"{words} {controller.units.one}"])
 
 
+def residuals(
+    experiment: Experiment, readings: Readings, x: Array, frames: Sequence[Frame] = (), linear: bool = False
+) -> tuple[ReadingRows, Array]:
+    """Rows that are used, and measured minus predicted (R, 3) m in the base's axes, at parameters x.
+
+    frames: of the series that nobody knows, as a fit found them; those that it does not hold are found anew
+    """
+    rows, model = make_rows(readings), experiment.model()
+    held = {f.series: f for f in frames}
+    names = [readings.frames[f] for f in rows.estimated]
+    own = [held[n] for n in names] if set(names) <= set(held) else rows.start(model, x)
+    missed = rows.padded(np.nan_to_num(rows.measured) - rows.predict(model, x, own, linear))
+    if readings.axes is not None:
+        missed = np.einsum("rji,rj->ri", readings.axes[rows.keep], missed)
+    known = dict(zip(rows.estimated, own, strict=True))
+    for f, frame in enumerate(readings.known):
+        at = rows.frame == f
+        if at.any():
+            missed[at] = missed[at] @ (frame or known[f]).rotation
+    return rows, missed
+
+
 def measured(
     experiment: Experiment, readings: Readings, x: Array, frames: Sequence[Frame] = ()
 ) -> tuple[Plan, Residuals]:
     """The poses with the largest residuals at parameters x, in the order of the readings, and all residuals on them."""
     rows, missed = residuals(experiment, readings, x, frames)
     measurement = rows.plus
-    worst = np.zeros(len(readings.poses))
-    np.maximum.at(worst, measurement, np.linalg.norm(missed, axis=1))
-    there = np.unique(measurement)
-    chosen = np.sort(there[np.argsort(-worst[there], kind="stable")][:MOST])
+    chosen, worst = largest_residuals(readings, measurement, missed)
+    chosen = np.sort(chosen[:MOST])
     names = [f"{readings.states.pose[m]}, residual up to {1e3 * worst[m]:.3f} mm" for m in chosen]
     plan = make_plan(readings.poses.take(chosen), [""] * len(chosen), names=names)
     shown = np.isin(measurement, chosen)
     step = np.searchsorted(chosen, measurement[shown])
     return plan, _placed(experiment, rows.take(shown), missed[shown], step)
+
+
+def largest_residuals(readings: Readings, state: Indices, missed: Array) -> tuple[Indices, Array]:
+    """The states that residuals (R, 3) m are of, by row (R,), the largest first; and the largest residual of each of
+    all states (S,) m."""
+    worst = np.zeros(len(readings.poses))
+    np.maximum.at(worst, state, np.linalg.norm(missed, axis=1))
+    there = np.unique(state)
+    return there[np.argsort(-worst[there], kind="stable")], worst
 
 
 def floating(experiment: Experiment, readings: Readings, x: Array, frames: Sequence[Frame] = ()) -> Residuals:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from qsframework.plugin import Array
-from qsframework.viz.ellipsoids import draw_ellipsoid
-from qsframework.viz.residual_scene import AFTER, BEFORE
+from qsframework.viz.deflection import draw_ellipsoid
 from qsframework.viz.scene import Colour, Scene
+from qsframework.viz.scenes import AFTER, BEFORE
 
 _LEFT: Colour = (0.1, 0.3, 0.9, 0.4)
 _LARGEST = 0.12

@@ -26,8 +26,8 @@ from qsframework.hypotheses.catalogue.edits import (
     plain,
     vanishes,
 )
+from qsframework.hypotheses.catalogue.rows import among, as_series
 from qsframework.hypotheses.standing_out import Standing
-from qsframework.plugin import Array
 
 _LEAST = 3
 """Poses of a run below which it is no block."""
@@ -76,7 +76,7 @@ def _run(standing: Standing) -> tuple[int, ...] | None:
     visits, rows = standing.visits, standing.rows
     first = np.unique(visits.of, return_index=True)[1]
     pose, file = rows.pose[first], standing.readings.file[rows.keep[first]]
-    best: tuple[float, list[int]] | None = None
+    runs: list[tuple[float, list[int]]] = []
     for f in np.unique(file):
         names = list(dict.fromkeys(pose[file == f].tolist()))
         wrong = np.array([standing.wrong[(pose == p) & (file == f)].any() for p in names])
@@ -84,14 +84,15 @@ def _run(standing: Standing) -> tuple[int, ...] | None:
         low = np.minimum.accumulate(excess)
         end = int(np.argmax(excess - low))
         start = int(np.argmin(excess[: end + 1]))
-        inside = names[start:end]
-        if len(inside) >= _LEAST and (best is None or excess[end] - excess[start] > best[0]):
-            best = float(excess[end] - excess[start]), np.flatnonzero(np.isin(pose, inside) & (file == f)).tolist()
-    if best is None or len(best[1]) == len(visits):
+        if end - start >= _LEAST:
+            inside = np.isin(pose, names[start:end]) & (file == f)
+            runs.append((float(excess[end] - excess[start]), np.flatnonzero(inside).tolist()))
+    _, run = max(runs, key=lambda run: run[0], default=(0.0, list[int]()))
+    if len(run) in (0, len(visits)):
         return None
-    outside = np.delete(standing.wrong, best[1])
+    outside = np.delete(standing.wrong, run)
     share = (float(outside.sum()) + 0.5) / (len(outside) + 1.0)
-    return tuple(best[1]) if len(visits) * share ** int(standing.wrong[best[1]].sum()) < _CHANCE else None
+    return tuple(run) if len(visits) * share ** int(standing.wrong[run].sum()) < _CHANCE else None
 
 
 def _forces(standing: Standing, group: PoseVisits) -> Iterator[Edit]:
@@ -135,23 +136,15 @@ def _framed(standing: Standing, start: Edit) -> float | None:
     error = standing.missed(copied(standing, [start])) * size
     measured = readings.value[start.rows]
     foretold = measured - error
-    R, t = _motion(measured, foretold)
-    rest = (measured @ R.T + t - foretold) / size
+    frame = procrustes(measured, foretold)
+    rest = (measured @ frame.rotation.T + frame.origin - foretold) / size
     columns = np.concatenate([np.tile(np.eye(3), (len(measured), 1, 1)), -cross_matrix(foretold)], axis=2)
     columns = whitened @ (columns / size[..., None]).reshape(-1, 6)
     square = float(np.sum(left(orthonormal(columns), whitened @ rest.ravel()) ** 2))
     return square if square <= standing.usual(error.size) else None
 
 
-def _motion(points: Array, there: Array) -> tuple[Array, Array]:
-    frame = procrustes(points, there)
-    return frame.rotation, frame.origin
-
-
 def in_frame(readings: Readings, edit: Edit) -> Readings:
     """The rows of a block as a series of their own, whose frame is found."""
-    frame = np.array(readings.frame)
-    frame[edit.rows] = len(readings.frames)
     lines = readings.line[edit.rows]
-    name = f"rows {lines.min()} to {lines.max()}"
-    return replace(readings, frame=frame, frames=(*readings.frames, name), known=(*readings.known, None))
+    return as_series(readings, among(readings, edit.rows), f"rows {lines.min()} to {lines.max()}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -78,9 +79,7 @@ class Cause:
 
 
 def _size(p: Parameter, present: bool) -> float:
-    if present and p.nominal != 0.0:
-        return p.sd or _SHARE * abs(p.nominal)
-    return p.sd or p.typical
+    return p.sd or (_SHARE * abs(p.nominal) if present and p.nominal else p.typical)
 
 
 @dataclass(frozen=True)
@@ -150,14 +149,10 @@ def groups_of(causes: Sequence[Cause]) -> list[Cause]:
 
 def _missing(effect: Effect, seen: ReadingRows | Poses) -> tuple[str, ...]:
     """Columns that an effect needs and the readings lack: of both states of a displacement."""
-    alike = ("temperature",)  # of the unloaded state, where nobody recorded its own
-    missing = [
-        (n, end)
-        for n in effect.needs
-        for end, state in _states(seen)
-        if not _known(state, n) and not (end and n in alike)
-    ]
-    return tuple(dict.fromkeys(n if n == "approach" else f"{n}{end}" for n, end in missing))  # one side for both states
+    missing = [(n, end) for n in effect.needs for end, state in _states(seen) if not _known(state, n)]
+    # one side for both states; of the temperature that of the loaded one, where nobody recorded the other
+    own = (n if n == "approach" else f"{n}{end}" for n, end in missing if (n, end) != ("temperature", "_unloaded"))
+    return tuple(dict.fromkeys(own))
 
 
 def _states(seen: ReadingRows | Poses) -> list[tuple[str, Conditions]]:
@@ -189,21 +184,17 @@ def proposed(model: Model) -> list[Effect]:
     from_files = [type(e) for e in model.effects if file_of(type(e)) is not None]
     for kind in dict.fromkeys([*registry().values(), *from_files]):
         own = given(kind, "places", model.facts, model.marker_names)
-        found = [*own, *given(kind, "beside", model.effects, model.parameters)]
-        for effect in found:
-            try:
+        for effect in (*own, *given(kind, "beside", model.effects, model.parameters)):
+            with suppress(InputError):  # of a place that does not fit the robot
                 effect.require_fit(model.facts)
-            except InputError:
-                continue  # this place does not fit the robot
-            out.append(effect)
+                out.append(effect)
     return out
 
 
 def widened(model: Model, causes: Sequence[Cause]) -> Model:
     """The model with the effects of the causes added, each at the value where it vanishes."""
     have = {e.name for e in model.effects}
-    added = {e.name: e for c in causes if not c.present for e in c.effects if e.name not in have}
-    extra = tuple(added.values())
+    extra = {e.name: e for c in causes if not c.present for e in c.effects if e.name not in have}.values()
     new = [p for e in extra for p in e.parameters(model.facts)]
     nulled = [replace(p, nominal=p.nominal if p.null is None else p.null) for p in new]
     markers = list(zip(model.marker_names, model.markers, strict=True))

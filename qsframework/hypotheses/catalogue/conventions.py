@@ -11,10 +11,11 @@ import numpy as np
 from qsframework.elastostatics.so3 import cross_matrix, exponential
 from qsframework.errors import InputError
 from qsframework.estimation.projection import least_squares
-from qsframework.experiment import Experiment, Readings, as_shown, observation_model, on_robot
+from qsframework.experiment import Experiment, Readings, as_shown, on_robot
+from qsframework.hypotheses.catalogue.rows import as_series
 from qsframework.hypotheses.hypothesis import Hypothesis
-from qsframework.hypotheses.linearized import of_observations
-from qsframework.plugin import Array, Indices, Poses
+from qsframework.hypotheses.linearized import linear_model, of_observations
+from qsframework.plugin import Array, Indices
 from qsframework.plugin.registry import with_role
 from qsframework.robot import StructuralChange, alternatives
 
@@ -47,11 +48,10 @@ def joint_signs(experiment: Experiment, readings: Readings) -> Iterator[Hypothes
         joint = experiment.robot.facts.driven[k]
         pendant = np.array(readings.poses.pendant)
         pendant[:, k] *= -1.0
-        q = experiment.robot.controller.to_joints(pendant)
-        poses = replace(readings.poses, pendant=pendant, q=q)
         what = "travel" if experiment.robot.facts.slides(joint) else "angle"
         words = f"the {what} of {joint} counts the other way round"
-        yield Hypothesis(f"joint_sign[{joint}]", -1.0, words, experiment, readings=readings.with_poses(poses))
+        changed = _shown(experiment, readings, pendant)
+        yield Hypothesis(f"joint_sign[{joint}]", -1.0, words, experiment, readings=changed)
 
 
 _WITHOUT = "this arm does not behave as if it had {}"
@@ -102,21 +102,15 @@ def displacement_axes(experiment: Experiment, readings: Readings) -> Iterator[Hy
     if not (base & readings.use).any():  # the axes of a series are found, whatever they are
         return
     for P in _orientations():
-        reversed_ = np.array_equal(P, -np.eye(3))
-        name = "displacement_sign" if reversed_ else "displacement_axes"
-        words = (
-            "displacements are unloaded minus loaded, or the force is the one that the robot exerts: the sign of one "
-            "of them is reversed"
-            if reversed_
-            else f"axes of the displacements: {_axes(P, 'd')}"
-        )
-        yield Hypothesis(
-            name,
-            -1.0 if reversed_ else 1.0,
-            words,
-            experiment,
-            readings=readings.with_values(np.where(base[:, None], readings.value @ P.T, readings.value)),
-        )
+        name, value, words = "displacement_axes", 1.0, f"axes of the displacements: {_axes(P, 'd')}"
+        if np.array_equal(P, -np.eye(3)):
+            name, value = "displacement_sign", -1.0
+            words = (
+                "displacements are unloaded minus loaded, or the force is the one that the robot exerts: the sign of "
+                "one of them is reversed"
+            )
+        changed = readings.with_values(np.where(base[:, None], readings.value @ P.T, readings.value))
+        yield Hypothesis(name, value, words, experiment, readings=changed)
 
 
 def force_axes(experiment: Experiment, readings: Readings) -> Iterator[Hypothesis]:
@@ -132,10 +126,9 @@ def force_axes(experiment: Experiment, readings: Readings) -> Iterator[Hypothesi
         if any(np.allclose(turned, seen[i]) for i in np.flatnonzero(alike)):
             continue
         seen.append(turned)
-        poses: Poses = replace(readings.poses, wrench=turned)
-        yield Hypothesis(
-            "force_axes", 1.0, f"axes of the force: {_axes(P, 'f')}", experiment, readings=readings.with_poses(poses)
-        )
+        words = f"axes of the force: {_axes(P, 'f')}"
+        changed = readings.with_poses(replace(readings.poses, wrench=turned))
+        yield Hypothesis("force_axes", 1.0, words, experiment, readings=changed)
 
 
 _FEW = {"rad": 2.0 * np.pi, "m": 20.0}
@@ -150,27 +143,38 @@ def angle_units(experiment: Experiment, readings: Readings) -> Iterator[Hypothes
     pendant, joints = readings.poses.pendant, experiment.robot.controller.units
     largest = np.abs(pendant).max(axis=0)
     units = [joints[k] for k in range(len(joints))]
-    few = np.array([size * u.per <= _FEW[u.si] for size, u in zip(largest.tolist(), units, strict=True)])
-    many = np.array([size > _FEW[u.si] for size, u in zip(largest.tolist(), units, strict=True)])
+    most = np.array([_FEW[u.si] for u in units])
+    few, many = largest * [u.per for u in units] <= most, largest > most
     moved = readings.moves & (largest >= _MOVED)
     single = [(k,) for k in np.flatnonzero(moved & (few | many)).tolist()]
     turning = moved & ~np.array(joints.sliding)
     every = [tuple(np.flatnonzero(turning).tolist())] if turning.sum() > 1 and few[turning].all() else []
     for columns in (*every, *single):
         unit, small = joints[columns[0]], bool(few[columns[0]])
-        there, here = (unit.si, unit.shown) if small else (unit.shown, unit.si)
+        there, here, factor = (unit.si, unit.shown, unit.per) if small else (unit.shown, unit.si, unit.factor)
         angles = pendant.copy()
-        angles[:, columns] *= unit.per if small else unit.factor
+        angles[:, columns] *= factor
         if not experiment.robot.controller.outside(angles).any():
-            names = ", ".join(f"q{k + 1}" for k in columns)
-            words = f"the column{'s' if len(columns) > 1 else ''} {names} {_are(columns)} in {there}, not in {here}"
-            factor = unit.per if small else unit.factor
+            names = [f"q{k + 1}" for k in columns]
             changed = _shown(experiment, readings, angles)
-            yield Hypothesis("column_unit", factor, words, experiment, readings=changed, column=names)
+            yield _in_unit(experiment, changed, names, factor, f"{there}, not in {here}")
 
 
-def _are(columns: Sequence[int]) -> str:
-    return "are" if len(columns) > 1 else "is"
+def _in_unit(
+    experiment: Experiment, changed: Readings, columns: Sequence[str], factor: float, unit: str, shrunk: float = 0.0
+) -> Hypothesis:
+    """Columns of the file in another unit than their headers'."""
+    names = ", ".join(columns)
+    words = f"the columns {names} are in {unit}" if len(columns) > 1 else f"the column {names} is in {unit}"
+    return Hypothesis(
+        "column_unit",
+        factor,
+        words,
+        experiment,
+        readings=changed,
+        column=names,
+        shrunk=shrunk,
+    )
 
 
 def joint_columns(experiment: Experiment, readings: Readings) -> Iterator[Hypothesis]:
@@ -182,7 +186,8 @@ def joint_columns(experiment: Experiment, readings: Readings) -> Iterator[Hypoth
     orders: list[tuple[Indices, str, str]] = []
     for a, b in combinations(range(count), 2):
         if sliding[a] == sliding[b] and readings.moves[a] and readings.moves[b]:
-            order = np.where(every == a, b, np.where(every == b, a, every))
+            order = every.copy()
+            order[[a, b]] = b, a
             orders.append((order, f"the columns q{a + 1} and q{b + 1} are exchanged", f"q{a + 1}, q{b + 1}"))
     for by, where in ((1, "after"), (-1, "before")) if count > 2 and readings.moves.all() and not any(sliding) else ():
         words = f"each column of angles holds the joint {where} its own, as where a log counts them from zero"
@@ -210,21 +215,13 @@ def value_units(experiment: Experiment, readings: Readings) -> Iterator[Hypothes
         rows = (readings.is_position == position) & ~readings.is_gauge
         if not (rows & readings.use).any():
             continue
-        what = "" if position else "d"
-        parts = [(i,) for i in range(3)] + ([(0, 1, 2)] if position else [])
-        for axes in parts:
-            column = ", ".join(what + "xyz"[i] for i in axes)
-            for factor, said in _both(_LENGTHS, "mm"):
+        names = "xyz" if position else ("dx", "dy", "dz")
+        for axes in ([0], [1], [2], *([[0, 1, 2]] if position else [])):
+            for factor, unit in _both(_LENGTHS, "mm"):
                 value = readings.value.copy()
-                value[np.ix_(rows, list(axes))] *= factor
-                words = (
-                    f"the column{'s' if len(axes) > 1 else ''} {column} {'are' if len(axes) > 1 else 'is'} in {said}"
-                )
-                smaller = min(float(np.log(factor)), 0.0)
-                changed = readings.with_values(value)
-                yield Hypothesis(
-                    "column_unit", factor, words, experiment, readings=changed, column=column, shrunk=smaller
-                )
+                value[np.ix_(rows, axes)] *= factor
+                changed, smaller = readings.with_values(value), min(float(np.log(factor)), 0.0)
+                yield _in_unit(experiment, changed, [names[i] for i in axes], factor, unit, smaller)
 
 
 def force_units(experiment: Experiment, readings: Readings) -> Iterator[Hypothesis]:
@@ -232,14 +229,11 @@ def force_units(experiment: Experiment, readings: Readings) -> Iterator[Hypothes
     wrench = readings.poses.wrench
     used = [i for i in range(3) if wrench[:, i].any()]
     for i in used if len(used) > 1 else ():
-        for factor, said in _both(_WEIGHTS, "N"):
-            changed = wrench.copy()
-            changed[:, i] *= factor
-            words = f"the column {_FORCE[i]} is in {said}"
-            poses = replace(readings.poses, wrench=changed)
-            yield Hypothesis(
-                "column_unit", factor, words, experiment, readings=readings.with_poses(poses), column=_FORCE[i]
-            )
+        for factor, unit in _both(_WEIGHTS, "N"):
+            scaled = wrench.copy()
+            scaled[:, i] *= factor
+            changed = readings.with_poses(replace(readings.poses, wrench=scaled))
+            yield _in_unit(experiment, changed, [_FORCE[i]], factor, unit)
 
 
 def _both(units: Sequence[tuple[float, str]], own: str) -> Iterator[tuple[float, str]]:
@@ -257,24 +251,28 @@ def position_axes(experiment: Experiment, readings: Readings) -> Iterator[Hypoth
         value = np.where(rows[:, None], readings.value * [1.0, 1.0, -1.0], readings.value)
         where = f" of series {name}" if name else ""
         words = f"the positions{where} are mirror images: the sign of one axis is reversed, or two are exchanged"
+        changed = readings.with_values(value)
         yield Hypothesis(
-            "position_axes", -1.0, words, experiment, readings=readings.with_values(value), column="x, y, z"
+            "position_axes",
+            -1.0,
+            words,
+            experiment,
+            readings=changed,
+            column="x, y, z",
         )
 
 
 def exchanged_states(experiment: Experiment, readings: Readings) -> Iterator[Hypothesis]:
     """Positions of loaded states that stand where those of the unloaded ones should, at all poses."""
     loaded = readings.states.loaded[readings.plus]
-    key: dict[tuple[object, ...], int] = {}
     order = np.arange(len(readings))
     rows = np.flatnonzero(readings.is_position & ~readings.is_gauge)
-    for i in rows[~loaded[rows]].tolist():
-        key[_who(readings, i)] = i
+    unloaded = {_who(readings, i): i for i in rows[~loaded[rows]].tolist()}
     for i in rows[loaded[rows]].tolist():
-        other = key.get(_who(readings, i))
+        other = unloaded.get(_who(readings, i))
         if other is not None:
             order[i], order[other] = other, i
-    if not np.array_equal(order, np.arange(len(readings))):
+    if (order != np.arange(len(readings))).any():
         words = "the readings of the loaded and of the unloaded states are exchanged"
         changed = readings.with_values(readings.value[order])
         yield Hypothesis("states_exchanged", 1.0, words, experiment, readings=changed, column="state")
@@ -290,15 +288,22 @@ def tracker_axes(experiment: Experiment, readings: Readings) -> Iterator[Hypothe
     base = ~readings.is_position & (readings.frame < 0) & ~readings.is_gauge
     if not (base & readings.use).any():
         return
-    frame = np.where(base, len(readings.frames), readings.frame)
     words = "the displacements are along the axes of the tracker, not of the base"
-    changed = replace(readings, frame=frame, frames=(*readings.frames, TRACKER), known=(*readings.known, None))
+    changed = as_series(readings, base, TRACKER)
     try:
-        turned = observation_model(experiment, changed, experiment.fit_names(), linear=True).frames[-1].rotation
+        turned = linear_model(experiment, changed).frames[-1].rotation
     except InputError:  # too few, or all along one line
         return
     if np.trace(turned) < 1.0 + 2.0 * np.cos(_ALIGNED):
-        yield Hypothesis("tracker_axes", 1.0, words, experiment, readings=changed, column="dx, dy, dz", free=3)
+        yield Hypothesis(
+            "tracker_axes",
+            1.0,
+            words,
+            experiment,
+            readings=changed,
+            column="dx, dy, dz",
+            free=3,
+        )
 
 
 def aligned(experiment: Experiment, turned: Readings, given: Readings) -> Readings:
@@ -306,11 +311,10 @@ def aligned(experiment: Experiment, turned: Readings, given: Readings) -> Readin
 
     turned: with the frame that `tracker_axes` gives them; given: the readings before
     """
-    seen = observation_model(experiment, given, experiment.fit_names(), linear=True)
-    fit = of_observations(experiment, seen)
+    fit = of_observations(experiment, linear_model(experiment, given))
     rows = fit.rows
     at = turned.frame[rows.keep] == turned.frames.index(TRACKER)
-    rotation = observation_model(experiment, turned, experiment.fit_names(), linear=True).frames[-1].rotation.T
+    rotation = linear_model(experiment, turned).frames[-1].rotation.T
     predicted = rows.scalars - fit.errors
     for _ in range(_SETTLES):  # the readings are turned and not the model: springs and turns then do not mix
         value = np.where(at[:, None], rows.measured @ rotation.T, rows.measured)

@@ -18,19 +18,9 @@ KGF, LBF, INCH = 9.80665, 4.4482216, 25.4
 SIGN, DECIMAL, UNIT, MISSING, OTHER, OFF = "sign", "decimal", "unit", "missing", "another load", "off"
 """What leads from the number that was meant to the one in the file; OFF: nothing known."""
 _JOINTS = ((-1.0, SIGN), (10.0, DECIMAL), (0.1, DECIMAL))
-_FORCES = (
-    (-1.0, SIGN),
-    *((10.0**k, DECIMAL) for k in (-1, 1, -2, 2, -3, 3)),
-    (KGF, UNIT),
-    (1.0 / KGF, UNIT),
-    (LBF, UNIT),
-)
-VALUES = (
-    (-1.0, SIGN),
-    *((10.0**k, DECIMAL) for k in (-1, 1, -2, 2, -3, 3)),
-    (INCH, UNIT),
-    (1.0 / INCH, UNIT),
-)
+_DIGITS = ((-1.0, SIGN), *((10.0**k, DECIMAL) for k in (-1, 1, -2, 2, -3, 3)))
+_FORCES = (*_DIGITS, (KGF, UNIT), (1.0 / KGF, UNIT), (LBF, UNIT))
+VALUES = (*_DIGITS, (INCH, UNIT), (1.0 / INCH, UNIT))
 """Factors of the number in the file that may make the one that was meant, each with its slip."""
 _LOADS = 40
 """Loads of a file that are tried in the place of one, the most frequent first."""
@@ -192,10 +182,10 @@ def value_edits(readings: Readings, group: PoseVisits) -> Iterator[Edit]:
     """All readings of the pose, or of one of its markers, with another sign, decimal or unit."""
     start = plain(readings, group, "value")
     gauge = readings.is_gauge[group.rows]
-    what = "d" if (readings.minus[group.rows] >= 0).all() else ""
+    axes = _axes(readings, group)
     for factor, slip in VALUES:
-        everything = replace(start, slip=slip, value=start.value * factor, column=_axes_of(what, slice(None)))
-        yield replace(everything, kind="states_exchanged") if slip == SIGN and what else everything
+        everything = replace(start, slip=slip, value=start.value * factor, column=", ".join(axes))
+        yield replace(everything, kind="states_exchanged") if slip == SIGN and axes != "xyz" else everything
         if len(start.rows) > 1:
             for r in range(len(start.rows)):
                 value = start.value.copy()
@@ -204,15 +194,21 @@ def value_edits(readings: Readings, group: PoseVisits) -> Iterator[Edit]:
         for r, i in np.argwhere(np.isfinite(start.value) & ~gauge[:, None]).tolist():
             value = start.value.copy()
             value[r, i] *= factor
-            found, meant = float(start.value[r, i]), float(value[r, i])
-            column = _axes_of(what, slice(i, i + 1))
+            found, meant, touched = float(start.value[r, i]), float(value[r, i]), start.rows[[r]]
             yield replace(
-                start, slip=slip, value=value, column=column, found=found, meant=meant, touched=start.rows[[r]]
+                start,
+                slip=slip,
+                value=value,
+                column=axes[i],
+                found=found,
+                meant=meant,
+                touched=touched,
             )
 
 
-def _axes_of(what: str, part: slice) -> str:
-    return ", ".join(what + axis for axis in "xyz"[part])
+def _axes(readings: Readings, group: PoseVisits) -> Sequence[str]:
+    """Columns of the file, without their unit, of displacements or positions."""
+    return ("dx", "dy", "dz") if (readings.minus[group.rows] >= 0).all() else "xyz"
 
 
 def marker_edits(readings: Readings, group: PoseVisits) -> Iterator[Edit]:
@@ -222,7 +218,7 @@ def marker_edits(readings: Readings, group: PoseVisits) -> Iterator[Edit]:
     rows = np.flatnonzero(whole)
     if len(group.visits) > 1 or not 2 <= len(rows) <= _MANY:
         return
-    orders = [dict(((a, b), (b, a))) for a, b in combinations(rows.tolist(), 2)]
+    orders = [{a: b, b: a} for a, b in combinations(rows.tolist(), 2)]
     for a, b, c in combinations(rows.tolist(), 3):
         orders += [{a: b, b: c, c: a}, {a: c, c: b, b: a}]
     for order in orders:
@@ -250,31 +246,23 @@ def repeated_readings(readings: Readings, group: PoseVisits, keep: Indices) -> I
     start = plain(readings, group, "repeated_readings")
     if len(group.visits) > 1 or not np.isfinite(start.value).all():
         return
-    what = "d" if (readings.minus[group.rows] >= 0).all() else ""
     others = keep[~np.isin(readings.plus[keep], readings.plus[group.rows])]
     same = (np.abs(readings.value[others][:, None] - start.value[None]) < _SAME).all(axis=2)
     same &= readings.marker[others][:, None] == readings.marker[group.rows][None]
     for state in map(int, np.unique(readings.plus[others][same.any(axis=1)])):
         if same[readings.plus[others] == state].any(axis=0).all():
-            other = str(readings.states.pose[state])
-            yield replace(
-                start,
-                masked=True,
-                other=other,
-                column=_axes_of(what, slice(None)),
-            )
+            other = readings.states.pose[state]
+            yield replace(start, masked=True, other=other, column=", ".join(_axes(readings, group)))
             return
 
 
 def exchanges(readings: Readings, one: PoseVisits, two: PoseVisits) -> Iterator[tuple[Edit, Edit]]:
     """The readings of two poses stand at each other's angles, under each other's force or their own, or at their own
     angles under each other's force."""
-    if len(one.states) != len(two.states) or len(one.rows) != len(two.rows):
+    loaded, wrench = readings.states.loaded, readings.poses.wrench
+    if len(one.rows) != len(two.rows) or not np.array_equal(loaded[one.states], loaded[two.states]):
         return
-    if not np.array_equal(readings.states.loaded[one.states], readings.states.loaded[two.states]):
-        return
-    poses = readings.poses
-    same = np.array_equal(poses.wrench[one.states], poses.wrench[two.states])
+    same = np.array_equal(wrench[one.states], wrench[two.states])
     for what in ("q",) if same else ("pose", "q", "force"):
         yield (_taken(readings, one, two, what), _taken(readings, two, one, what))
 
@@ -309,36 +297,34 @@ def residuals(standing: Standing, edits: Sequence[Edit]) -> list[Array]:
 
     Edits are copies of their rows and states, asked of the model at once; those of values alone share one copy.
     """
-    asked: list[Edit] = []
-    place: dict[object, int] = {}
-    of: list[int] = []
-    for e in edits:
-        still = _still(standing.readings, e)
-        key = (e.visits, e.rows.tobytes()) if still else (len(asked),)
-        if not still or key not in place:
-            place[key] = len(asked)
-            asked.append(e)
-        of.append(place[key])
-    readings = copied(standing, asked)
+    keys = [(e.visits, e.rows.tobytes()) if _still(standing.readings, e) else n for n, e in enumerate(edits)]
+    asked: dict[object, Edit] = {}
+    for key, e in zip(keys, edits, strict=True):
+        asked.setdefault(key, e)
+    readings = copied(standing, list(asked.values()))
     error, P = standing.foretold(readings, np.arange(len(readings)))
-    first = np.concatenate([[0], np.cumsum([len(e.rows) for e in asked])])
-    factors: dict[int, Array] = {}
+    ends = np.cumsum([len(e.rows) for e in asked.values()])[:-1]
+    known = {
+        key: (e.value, error_there, _whitening(p))
+        for (key, e), error_there, p in zip(asked.items(), np.split(error, ends), np.split(P, ends), strict=True)
+    }
     out: list[Array] = []
-    for e, i in zip(edits, of, strict=True):
-        rows = slice(int(first[i]), int(first[i + 1]))
-        p = P[rows].reshape(-1, P.shape[-1])
-        if i not in factors:
-            factors[i] = np.asarray(np.linalg.inv(np.linalg.cholesky(np.eye(len(p)) + p @ p.T)), dtype=np.float64)
-        more = np.nan_to_num(e.value - asked[i].value) / (standing.unit * standing.readings.sigma[e.rows])
-        out.append(factors[i] @ (error[rows] + more).ravel())
+    for key, e in zip(keys, edits, strict=True):
+        value, error_there, whitened = known[key]
+        more = np.nan_to_num(e.value - value) / (standing.unit * standing.readings.sigma[e.rows])
+        out.append(whitened @ (error_there + more).ravel())
     return out
 
 
 def factor(standing: Standing, e: Edit) -> Array:
     """What whitens (3 k, 3 k) the errors of the rows of an edit by what foretells them."""
     readings = copied(standing, [e])
-    p = standing.foretold(readings, np.arange(len(readings)))[1]
-    p = p.reshape(-1, p.shape[-1])
+    return _whitening(standing.foretold(readings, np.arange(len(readings)))[1])
+
+
+def _whitening(P: Array) -> Array:
+    """Whitens by the covariance I + P P' of what is foretold, P (k, 3, f)."""
+    p = P.reshape(-1, P.shape[-1])
     return np.asarray(np.linalg.inv(np.linalg.cholesky(np.eye(len(p)) + p @ p.T)), dtype=np.float64)
 
 
@@ -362,54 +348,33 @@ def _shared(readings: Readings, e: Edit) -> tuple[Indices, Indices, Indices]:
 def copied(standing: Standing, edits: Sequence[Edit]) -> Readings:
     """One table with the rows of every edit, as it has them, after each other."""
     readings = standing.readings
-    rows = np.concatenate([e.rows for e in edits])
-    states: list[Indices] = []
-    plus: list[Indices] = []
-    minus: list[Indices] = []
-    pendant: list[Array] = []
-    wrench: list[Array] = []
+    own, poses = readings.states, readings.poses
+    parts: list[tuple[Array | Indices, ...]] = []
     known: dict[tuple[int, int], tuple[Indices, Indices, Indices]] = {}
     first = 0
     for e in edits:
-        own = (id(e.rows), id(e.states))  # many edits of one call are of the same rows
-        if own not in known:
-            known[own] = _shared(readings, e)
-        more, later, earlier = known[own]
-        states.append(np.concatenate([e.states, more]))
-        plus.append(first + later)
-        minus.append(np.where(earlier >= 0, first + earlier, -1))
-        pendant.append(np.concatenate([e.pendant, readings.poses.pendant[more]]))
-        wrench.append(np.concatenate([e.wrench, readings.poses.wrench[more]]))
-        first += len(states[-1])
-    at = np.concatenate(states)
-    shown = np.concatenate(pendant)
+        same = (id(e.rows), id(e.states))  # many edits of one call are of the same rows
+        if same not in known:
+            known[same] = _shared(readings, e)
+        more, later, earlier = known[same]
+        states = np.concatenate([e.states, more])
+        pendant, wrench = (
+            np.concatenate([a, b[more]]) for a, b in ((e.pendant, poses.pendant), (e.wrench, poses.wrench))
+        )
+        parts.append((states, first + later, np.where(earlier >= 0, first + earlier, -1), pendant, wrench))
+        first += len(states)
+    at, plus, minus, shown, wrench = (np.concatenate(column) for column in zip(*parts, strict=True))
+    texts = {name: tuple(getattr(own, name)[i] for i in at.tolist()) for name in ("pose", "load_id", "series")}
+    numbers = {name: getattr(own, name)[at] for name in ("loaded", "repeat", "cycle")}
     q = standing.experiment.robot.controller.to_joints(shown)
-    poses = replace(readings.poses.take(at), pendant=shown, q=q, wrench=np.concatenate(wrench))
-    own = readings.states
+    rows = np.concatenate([e.rows for e in edits])
     return replace(
-        readings,
-        states=replace(
-            own,
-            poses=poses,
-            loaded=own.loaded[at],
-            pose=tuple(own.pose[i] for i in map(int, at)),
-            load_id=tuple(own.load_id[i] for i in map(int, at)),
-            series=tuple(own.series[i] for i in map(int, at)),
-            repeat=own.repeat[at],
-            cycle=own.cycle[at],
-        ),
-        plus=np.concatenate(plus),
-        minus=np.concatenate(minus),
-        marker=readings.marker[rows],
-        frame=readings.frame[rows],
+        readings.of_rows(rows),
+        states=replace(own, poses=replace(poses.take(at), pendant=shown, q=q, wrench=wrench), **texts, **numbers),
+        plus=plus,
+        minus=minus,
         value=np.concatenate([e.value for e in edits]),
-        sigma=readings.sigma[rows],
-        minus_sigma=readings.minus_sigma[rows],
         use=np.ones(len(rows), dtype=bool),
-        line=readings.line[rows],
-        file=readings.file[rows],
-        to=readings.to[rows],
-        axes=None if readings.axes is None else readings.axes[rows],
         drive_state=None,
         reads=None,
     )

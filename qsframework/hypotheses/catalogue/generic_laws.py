@@ -148,11 +148,6 @@ class Motions:
     recorded: tuple[str, ...]
     angles: tuple[tuple[tuple[str, ...], tuple[float, ...]], ...]
 
-    @property
-    def count(self) -> int:
-        """Of the states."""
-        return sum(len(s.which) for s in self.stands)
-
     @cached_property
     def alone(self) -> bool:
         """Whether some rows are of one state alone, so that what acts always is seen."""
@@ -164,31 +159,28 @@ class Motions:
 
     def spring_columns(self, place: BlockPlace, effect: Any) -> Array:
         """Columns (3 R, c m) of a law of springs: of each coordinate's functions."""
-        at, every = list(place.coordinates), [*place.coordinates, *place.others]
-        used = len(effect.springs(self.facts))
-        found = [(s.which, effect.shapes(s.torque[:, every[:used]], s.context)) for s in self.stands]
-        f = np.zeros((self.count, *found[0][1].shape[1:]))
-        for which, values in found:
-            f[which] = values
-        out = self.plus.columns[..., at][..., None] * f[self.plus.state][:, None]
-        taken = np.flatnonzero(self.minus.state >= 0)
-        out[taken] -= self.minus.columns[taken][..., at][..., None] * f[self.minus.state[taken]][:, None]
-        return np.asarray(out.reshape(3 * len(out), -1))
+        at = list(place.coordinates)
+        used = [*at, *place.others][: len(effect.springs(self.facts))]
+        f = over_states(self.stands, [effect.shapes(s.torque[:, used], s.context) for s in self.stands])
+        later, earlier = (end.columns[..., at, None] * f[end.state][:, None] for end in (self.plus, self.minus))
+        return (later - earlier).reshape(3 * len(later), -1)
 
     def seen_columns(self, moved: Sequence[Array]) -> Array:
         """Columns (3 R, p) of motions (s, K, 3, p) m of the markers in each of the stands."""
-        slope = np.zeros((self.count, *moved[0].shape[1:]))
-        positions = np.zeros(slope.shape[:3])
-        for stand, values in zip(self.stands, moved, strict=True):
-            slope[stand.which], positions[stand.which] = values, stand.reading.position
-        columns = self.rows.padded(self.rows.seen_along(positions, slope, self.frames))
-        return np.asarray(columns.reshape(3 * len(columns), -1))
+        positions = over_states(self.stands, [s.reading.position for s in self.stands])
+        columns = self.rows.padded(self.rows.seen_along(positions, over_states(self.stands, moved), self.frames))
+        return columns.reshape(3 * len(columns), -1)
 
     def angle_range(self, factor: str) -> tuple[float, float]:
         """Of an angle over all states, rad."""
         weights = np.array(next(c for joints, c in self.angles if "+".join(joints) == factor))
         angle = np.concatenate([s.context.poses.q for s in self.stands]) @ weights
         return float(angle.min()), float(angle.max())
+
+
+def over_states(stands: Sequence[Stand], parts: Sequence[Array]) -> Array:
+    """Of all states (S, ...), from those of each stand."""
+    return np.concatenate(parts)[np.argsort(np.concatenate([s.which for s in stands]))]
 
 
 def motions(model: Model, rows: ReadingRows, x: Array, frames: Sequence[Frame]) -> Motions:
@@ -218,24 +210,18 @@ def motions(model: Model, rows: ReadingRows, x: Array, frames: Sequence[Frame]) 
 def _stands(probe: Model, rows: ReadingRows, values: Array, own: Sequence[int]) -> tuple[tuple[Stand, ...], Array]:
     """The states that rows need, in parts, and how their markers follow the probe's coordinates (S, K, 3, ne)."""
     out: list[Stand] = []
-    parts: list[tuple[Indices, Array]] = []
+    slopes: list[Array] = []
     for loaded, which, poses in rows.split():
-        first = 0
-        for _, part in chunks(poses):
-            at = which[first : first + len(part)]
-            first += len(part)
+        for at, part in chunks(poses):
             there = one_state(probe, part, values, loaded)
             state, follows = there.settled.at.state, there.followed()
             rotation = np.stack([m.rotation for m in state.markers], axis=1)
             torque = there.settled.at.T[own].T
             reading = Reading(there.reading, rotation, probe.marker_names)
-            give = _give(there, follows)
-            out.append(Stand(at, Context(probe.facts, part, loaded), torque, reading, state.tip.rotation, give))
-            parts.append((at, follows[:, own].transpose(3, 0, 2, 1)))
-    slope = np.empty((sum(len(at) for at, _ in parts), *parts[0][1].shape[1:]))
-    for at, values_there in parts:
-        slope[at] = values_there
-    return tuple(out), slope
+            context, give = Context(probe.facts, part, loaded), _give(there, follows)
+            out.append(Stand(which[at], context, torque, reading, state.tip.rotation, give))
+            slopes.append(follows[:, own].transpose(3, 0, 2, 1))
+    return tuple(out), over_states(out, slopes)
 
 
 def _give(there: SettledState, follows: Array) -> Array:
@@ -252,34 +238,20 @@ def _end(rows: ReadingRows, of: Indices, stands: Sequence[Stand], slope: Array, 
     used = np.unique(np.concatenate([rows.plus, rows.minus[rows.minus >= 0]]))
     place = np.full(len(of), -1, dtype=np.intp)
     place[taken] = np.searchsorted(used, of[taken])
-    torque = np.zeros((len(used), slope.shape[-1]))
-    positions = np.zeros(slope.shape[:3])
-    for stand in stands:
-        torque[stand.which], positions[stand.which] = stand.torque, stand.reading.position
+    torque = over_states(stands, [s.torque for s in stands])
+    positions = over_states(stands, [s.reading.position for s in stands])
     columns = np.zeros((len(of), 3, slope.shape[-1]))
     if len(taken):
-        some = rows.take(taken)
-        alone = replace(
-            some, readings=replace(readings, plus=_put(readings.plus, some.keep, of[taken]), minus=_none(rows))
-        )
-        here = np.unique(alone.plus, return_index=False)
-        at = np.searchsorted(used, here)
+        some, plus = rows.take(taken), readings.plus.copy()
+        plus[some.keep] = of[taken]
+        alone = replace(some, readings=replace(readings, plus=plus, minus=np.full_like(readings.minus, -1)))
+        at = np.searchsorted(used, np.unique(alone.plus))
         known = dict(zip(rows.estimated, frames, strict=True))
         found = alone.seen_along(positions[at], slope[at], [known[f] for f in alone.estimated])
         columns[taken] = alone.padded(found)
     none = place[:, None] < 0
     q = np.where(none, 0.0, readings.poses.q[np.maximum(of, 0)])
     return End(columns, np.where(none, 0.0, torque[np.maximum(place, 0)]), q, place)
-
-
-def _put(plus: Indices, keep: Indices, states: Indices) -> Indices:
-    out = plus.copy()
-    out[keep] = states
-    return out
-
-
-def _none(rows: ReadingRows) -> Indices:
-    return np.full_like(rows.readings.minus, -1)
 
 
 def _recorded(rows: ReadingRows, name: str) -> bool:
@@ -342,21 +314,18 @@ def generic_blocks(moved: Motions) -> Iterator[Block]:
     for place in moved.places:
         for by in _of_springs(moved, place):
             law = Law(place.part, place.name, by)
-            effect = _learned(moved, law, place.name, scale=moved.scale(place.coordinates), place=place)
+            effect = _learned(moved, law, moved.scale(place.coordinates), place)
             if effect is not None:
                 yield Block(law, effect, keep(partial(moved.spring_columns, place, effect)))
-    for law, at in _of_readings(moved):
-        effect = _learned(moved, law, at, scale=_largest_force(moved))
+    force = _largest_force(moved)
+    laws = [(law, force, _seen) for law in _of_readings(moved, force)]
+    if force > 0.0:
+        laws += [(Law("load", "tool", (by,)), force, _pulled) for by in ("force", "direction", "order")]
+        laws += [(Law("point", "tool", (by,)), 0.0, _pulled) for by in ("attitude", "order")]
+    for law, scale, columns in laws:
+        effect = _learned(moved, law, scale)
         if effect is not None:
-            yield Block(law, effect, keep(partial(_seen, moved, effect)))
-    if _largest_force(moved) > 0.0:
-        for law in (
-            *(Law("load", "tool", (by,)) for by in ("force", "direction", "order")),
-            *(Law("point", "tool", (by,)) for by in ("attitude", "order")),
-        ):
-            effect = _learned(moved, law, "tool", scale=_largest_force(moved) if law.part == "load" else 0.0)
-            if effect is not None:
-                yield Block(law, effect, keep(partial(_pulled, moved, effect)))
+            yield Block(law, effect, keep(partial(columns, moved, effect)))
 
 
 def _anew(made: Callable[[], Array]) -> Callable[[], Array]:
@@ -383,15 +352,12 @@ def _seen(moved: Motions, effect: Any) -> Array:
 
 def _pulled(moved: Motions, effect: Any) -> Array:
     """Columns (3 R, p) m of a law of the load."""
-    return moved.seen_columns([_forced(effect, s) for s in moved.stands])
-
-
-def _forced(effect: Any, stand: Stand) -> Array:
-    """What the weights of a law of the load do to the markers (s, K, 3, p) m."""
-    context = stand.context
-    wrench = context.poses.wrench * float(context.loaded)
-    shapes = effect.shapes(Loads(wrench, stand.rotation, context.robot.moments), context)
-    return np.asarray(np.einsum("nkij,njp->nkip", stand.give, shapes))
+    hung = [s.context.poses.wrench * float(s.context.loaded) for s in moved.stands]
+    loads = [Loads(w, s.rotation, moved.facts.moments) for w, s in zip(hung, moved.stands, strict=True)]
+    shapes = [effect.shapes(load, s.context) for load, s in zip(loads, moved.stands, strict=True)]
+    return moved.seen_columns(
+        [np.einsum("nkij,njp->nkip", s.give, f) for s, f in zip(moved.stands, shapes, strict=True)]
+    )
 
 
 def _of_springs(moved: Motions, place: BlockPlace) -> Iterator[tuple[str, ...]]:
@@ -407,30 +373,19 @@ def _of_springs(moved: Motions, place: BlockPlace) -> Iterator[tuple[str, ...]]:
         return
     if acts:
         yield ("torque",)
-        for joints, _ in moved.angles:
-            yield ("+".join(joints),)
-        for angle in own:
-            yield ("torque", angle)
-        for angle in _beside(moved, place):
-            yield place.own or "", angle
+        yield from (("+".join(joints),) for joints, _ in moved.angles)
+        yield from (("torque", angle) for angle in own)
+        yield from ((place.own or "", angle) for angle in _beside(moved, place))
         yield ("moment",) if place.part == "shift" else ("others",)
         if place.part != "shift" and (place.others or place.part != "drive"):
             yield "torque", "others"
         yield from comes
         if place.name != moved.facts.base:
             yield ("attitude",)
-        yield ("order",)
-        for name in moved.recorded:
-            yield (name,)
+        yield from ((name,) for name in ("order", *moved.recorded))
+    with_state = ["order", *moved.recorded, *(own if place.part == "drive" else ()), *(c for (c,) in comes)]
     for state in on:
-        yield (state,)
-        yield state, "order"
-        for name in moved.recorded:
-            yield state, name
-        for angle in own if place.part == "drive" else ():
-            yield state, angle
-        for came in comes:
-            yield state, *came
+        yield from [(state,), *((state, f) for f in with_state)]
 
 
 def _comes(moved: Motions, place: BlockPlace) -> bool:
@@ -450,24 +405,16 @@ def _beside(moved: Motions, place: BlockPlace) -> Iterator[str]:
             yield moved.facts.joints[other]
 
 
-def _of_readings(moved: Motions) -> Iterator[tuple[Law, str]]:
-    """Laws of all readings, and of one marker while the others stay; and where they act."""
+def _of_readings(moved: Motions, force: float) -> Iterator[Law]:
+    """Laws of all readings, and of one marker while the others stay."""
     on = ["loaded", *(["always"] if moved.alone else [])]
-    force = [("force",)] if _largest_force(moved) > 0.0 else []
-    for state in on:
-        for joints, _ in moved.angles:
-            yield Law("readings", "", (state, "+".join(joints))), "all"
-        yield Law("readings", "", (state, "order")), "all"
-    for by in force:
-        yield Law("readings", "", by), "all"
+    angles = ["+".join(joints) for joints, _ in moved.angles]
+    alone = [("force",)] if force > 0.0 else []
+    for by in (*((state, f) for state in on for f in (*angles, "order")), *alone):
+        yield Law("readings", "", by)
     for marker in moved.marker_names if len(moved.marker_names) > 1 else ():
-        for state in on:
-            yield Law("marker", marker, (state, "order")), marker
-            yield Law("marker", marker, (state, "attitude")), marker
-            for joints, _ in moved.angles:
-                yield Law("marker", marker, (state, "+".join(joints))), marker
-        for by in (("loaded",), *force):
-            yield Law("marker", marker, by), marker
+        for by in (*((state, f) for state in on for f in ("order", "attitude", *angles)), ("loaded",), *alone):
+            yield Law("marker", marker, by)
 
 
 def _largest_force(moved: Motions) -> float:
@@ -476,7 +423,7 @@ def _largest_force(moved: Motions) -> float:
     return max((float(np.linalg.norm(f, axis=1).max(initial=0.0)) for f in loaded), default=0.0)
 
 
-def _learned(moved: Motions, law: Law, at: str, *, scale: float, place: BlockPlace | None = None) -> Any:
+def _learned(moved: Motions, law: Law, scale: float, place: BlockPlace | None = None) -> Any:
     """The effect that a law is, with the range that the readings have of what it depends on; None where none can be."""
     settings: dict[str, Any] = {} if scale <= 0.0 else {"scale": scale}
     if law.part == "link":
@@ -499,12 +446,12 @@ def _learned(moved: Motions, law: Law, at: str, *, scale: float, place: BlockPla
         settings |= {"first": 0.0, "last": 1.0}
     for name in _RECORDED:
         if name in law.by:
-            value = np.asarray(getattr(moved.rows.readings.poses.loaded, name))[moved.rows.plus]
+            value = getattr(moved.rows.readings.poses.loaded, name)[moved.rows.plus]
             settings |= {"first": float(value.min()), "last": float(value.max())}
     kind = next((k for k in registry().values() if k.role == _ROLE and law.part in getattr(k, "parts", ())), None)
     if kind is None:
         return None
-    effect: Any = cast("Any", kind)(at=at, by="*".join(law.by), **settings)
+    effect: Any = cast("Any", kind)(at=law.place or "all", by="*".join(law.by), **settings)
     try:
         effect.require_fit(moved.facts)
     except InputError:

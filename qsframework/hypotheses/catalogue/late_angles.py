@@ -10,10 +10,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from qsframework.experiment import Readings, observation_model
+from qsframework.experiment import Readings
 from qsframework.hypotheses.hypothesis import Hypothesis
-from qsframework.hypotheses.linearized import Linearized, of_observations
-from qsframework.hypotheses.visits import Visits, stops_of, visits_of
+from qsframework.hypotheses.linearized import (
+    Linearized,
+    Visits,
+    linear_model,
+    of_observations,
+    stops_of,
+    visits_of,
+)
 from qsframework.plugin import Array, Indices, Poses
 
 _FALL = 0.8
@@ -152,10 +158,7 @@ def _shifted(fit: Linearized, seen: Visits) -> Linearized:
     """The same readings at the angles of the visit after each (the last one keeps its own)."""
     poses = _moved_up(fit.readings.poses, seen, range(len(seen) - 1))
     rows = replace(fit.rows, readings=fit.readings.with_poses(poses))
-    names = fit.experiment.fit_names()
-    return of_observations(
-        fit.experiment, observation_model(fit.experiment, rows.readings, names, linear=True, rows=rows)
-    )
+    return of_observations(fit.experiment, linear_model(fit.experiment, rows.readings, rows))
 
 
 def _stuck(fit: Linearized, seen: Visits, stuck: Indices, level: float) -> tuple[list[Slipped], float]:
@@ -177,13 +180,12 @@ def _stuck(fit: Linearized, seen: Visits, stuck: Indices, level: float) -> tuple
 def _realigned(fit: Linearized, run: Slipped) -> Readings:
     """The angles of a run of visits moved by one, up where each has those of the visit before, else down. One visit's
     are then missing, so it is masked."""
-    seen, end = run.seen, len(run.seen) - 1
-    if run.by > 0:
-        poses = _moved_up(fit.readings.poses, seen, range(run.first, run.last))
-    else:
-        poses = _moved_up(fit.readings.poses, seen.reversed(), range(end - run.last, end - run.first))
+    seen, first, last = run.seen, run.first, run.last
+    if run.by < 0:
+        seen, first, last = seen.reversed(), len(seen) - 1 - last, len(seen) - 1 - first
+    poses = _moved_up(fit.readings.poses, seen, range(first, last))
     lost = np.zeros(len(fit.readings), dtype=bool)
-    lost[fit.keep[seen.of == run.lost]] = True
+    lost[fit.keep[run.seen.of == run.lost]] = True
     return fit.readings.with_poses(poses).masked(lost)
 
 

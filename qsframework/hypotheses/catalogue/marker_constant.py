@@ -34,32 +34,30 @@ def marker_constant(fit: Linearized) -> Hypothesis | None:
     markers = [m for m in np.unique(rows.marker[able]).tolist() if (able & (rows.marker == m)).sum() >= _FEWEST]
     if len(markers) < 2:  # the constant of all markers is the frame's
         return None
-    best: tuple[float, int, float] | None = None
-    for m in markers:
-        column = rows.flat(np.where((able & (rows.marker == m))[:, None], sight, 0.0))
-        drop, off = _fall(fit.fit, column[:, None])
-        if best is None or drop > best[0]:
-            best = drop, int(m), float(off[0])
-    assert best is not None
-    drop, marker, off = best
+    columns = (rows.flat(np.where((able & (rows.marker == m))[:, None], sight, 0.0)) for m in markers)
+    falls = [_fall(fit.fit, column[:, None]) for column in columns]
+    best = int(np.argmax([drop for drop, _ in falls]))
+    marker, (drop, (off,)) = int(markers[best]), falls[best]
     own = able & (rows.marker == marker)
-    elsewhere, _ = _fall(fit.fit, _moved(fit, fit.experiment.markers[marker].name))
+    name = fit.experiment.markers[marker].name
+    elsewhere, _ = _fall(fit.fit, _moved(fit, name))
     unit = fit.fit.unit(fit.fit.chi2 - drop)
     if drop < (_LEAST + 2.0 * np.log(len(markers))) * unit or elsewhere > drop - _BETTER * unit:
         return None
     at = fit.keep[own]
     value = readings.value.copy()
     value[at] -= off * sight[own]
-    changed = Hypothesis(
+    words, changed, tried = _described(name, off), readings.with_values(value), len(markers)
+    change = Hypothesis(
         "marker_constant",
         off,
-        _described(fit.experiment.markers[marker].name, off),
+        words,
         fit.experiment,
-        readings=readings.with_values(value),
+        readings=changed,
         free=1,
-        tried=len(markers),
+        tried=tried,
     )
-    return changed.at(at)
+    return change.at(at)
 
 
 def _described(marker: str, off: float) -> str:
@@ -71,11 +69,11 @@ def _described(marker: str, off: float) -> str:
     return said + "".join(f", as between {a} and {b} ones" for a, b in pairs[:1])
 
 
-def _fall(fit: LinearFit, columns: Array) -> tuple[float, Array]:
+def _fall(fit: LinearFit, columns: Array) -> tuple[float, list[float]]:
     """By how much the sum of squares falls with further columns (m, k), and their coefficients (k,)."""
     beside = fit.given(columns)
     x = least_squares(beside, fit.white, 1e-6)
-    return float(fit.white @ (beside @ x)), x
+    return float(fit.white @ (beside @ x)), x.tolist()
 
 
 def _moved(fit: Linearized, marker: str) -> Array:

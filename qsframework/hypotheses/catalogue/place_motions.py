@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from qsframework.experiment.observations import ReadingRows
-from qsframework.hypotheses.catalogue.generic_laws import BlockPlace, Motions, across
+from qsframework.hypotheses.catalogue.generic_laws import BlockPlace, Motions, across, over_states
 from qsframework.hypotheses.catalogue.law import Law
 from qsframework.plugin import Array, Indices
 
@@ -149,19 +149,20 @@ class Variable:
 def variables(moved: Motions) -> tuple[Variable, ...]:
     """Every variable that changes over the states, and a constant."""
     facts, stands = moved.facts, moved.stands
-    out = [Variable("", np.ones((moved.count, 1)))]
+    order = over_states(stands, [s.context.order[:, None] for s in stands])
+    out = [Variable("", np.ones_like(order))]
 
     def add(name: str, values: Array, length: float) -> None:
         features = smooth(values, length)
         if features is not None:
             out.append(Variable(name, features))
 
-    q = over_states(moved, [s.context.poses.q for s in stands])
+    q = over_states(stands, [s.context.poses.q for s in stands])
     for joints, weights in moved.angles:
         angle = q @ np.array(weights)
         add("+".join(joints), np.column_stack([np.cos(angle), np.sin(angle)]), _ANGLE)
-    torque = over_states(moved, [s.torque[:, : facts.n] for s in stands])
-    came = over_states(moved, [s.context.came for s in stands])
+    torque = over_states(moved.stands, [s.torque[:, : facts.n] for s in stands])
+    came = over_states(moved.stands, [s.context.came for s in stands])
     for joint, slides in zip(facts.joints, facts.sliding, strict=True):
         travel = q[:, [facts.joint_index(joint)]]
         if slides:
@@ -170,10 +171,9 @@ def variables(moved: Motions) -> tuple[Variable, ...]:
         k = facts.joint_index(joint)
         add(f"torque {joint}", torque[:, [k]] / (np.abs(torque[:, k]).max() or 1.0), _LARGEST)
         add(f"came {joint}", np.tanh(came[:, [k]] / _ANGLE), _ANGLE)
-    order = over_states(moved, [s.context.order[:, None] for s in stands])
     add("order", order, _ORDER)
-    add("attitude", over_states(moved, [s.rotation[:, 2] for s in stands]), _TURN)
-    force = over_states(moved, [s.context.poses.wrench[:, :3] * float(s.context.loaded) for s in stands])
+    add("attitude", over_states(moved.stands, [s.rotation[:, 2] for s in stands]), _TURN)
+    force = over_states(moved.stands, [s.context.poses.wrench[:, :3] * float(s.context.loaded) for s in stands])
     size: Array = np.linalg.norm(force, axis=1)
     add("force", size[:, None] / (size.max() or 1.0), _LARGEST)
     add("direction", force / np.where(size > 0.0, size, 1.0)[:, None], _TURN)
@@ -197,13 +197,13 @@ def law_columns(
     """The laws of some axes of a place: their factors, and columns (R, 3, p) m."""
     axes, plus, minus = list(at), moved.plus.state, moved.minus.state
     there = (minus >= 0)[:, None, None]
-    hangs = over_states(moved, [np.full(len(s.which), float(s.context.loaded)) for s in moved.stands])
+    hangs = over_states(moved.stands, [np.full(len(s.which), float(s.context.loaded)) for s in moved.stands])
 
     def columns(later: Array, earlier: Array) -> Array:
         """Of functions (R, c or 1, k) in both states."""
         out = place.plus[..., axes, None] * later[:, None]
         out = out - place.minus[..., axes, None] * np.where(there, earlier, 0.0)[:, None]
-        return np.asarray(out.reshape(*out.shape[:2], -1))
+        return out.reshape(*out.shape[:2], -1)
 
     for variable in by:
         later, earlier = variable.features[plus][:, None], variable.features[minus][:, None]
@@ -224,14 +224,13 @@ def _of_torque(later: Array, earlier: Array) -> tuple[Array, Array] | None:
     """Functions (R, c, k) of each motion's own torques (R, c) in both states; None where there is none."""
     both = np.concatenate([later, earlier])
     largest = float(np.abs(both).max(initial=0.0))
-    found = [smooth(t[:, None] / largest, _LARGEST) for t in both.T] if largest > 0.0 else []
-    known = [f for f in found if f is not None]
+    curves = [smooth(t[:, None] / (largest or 1.0), _LARGEST) for t in both.T]
+    known = {i: f for i, f in enumerate(curves) if f is not None}
     if not known:
         return None
-    out = np.zeros((len(both), both.shape[1], max(f.shape[1] for f in known)))
-    for i, f in enumerate(found):
-        if f is not None:
-            out[:, i, : f.shape[1]] = f
+    out = np.zeros((len(both), both.shape[1], max(f.shape[1] for f in known.values())))
+    for i, f in known.items():
+        out[:, i, : f.shape[1]] = f
     return out[: len(later)], out[len(later) :]
 
 
@@ -247,16 +246,8 @@ def smooth(values: Array, length: float) -> Array | None:
         _kernel(values / length, marks) @ (vectors[:, seen] / np.sqrt(size[seen])), full_matrices=False
     )
     out = (U * s)[:, :_DIRECTIONS]
-    return np.asarray(out / np.sqrt(np.square(out).sum() / len(out)))
+    return out / np.sqrt(np.square(out).sum() / len(out))
 
 
 def _kernel(a: Array, b: Array) -> Array:
-    return np.asarray(np.exp(-0.5 * np.square(a[:, None] - b[None]).sum(axis=2)))
-
-
-def over_states(moved: Motions, parts: Sequence[Array]) -> Array:
-    """Of all states (S, ...), from those of each stand."""
-    out = np.zeros((moved.count, *parts[0].shape[1:]))
-    for stand, values in zip(moved.stands, parts, strict=True):
-        out[stand.which] = values
-    return out
+    return np.exp(-0.5 * np.square(a[:, None] - b[None]).sum(axis=2))

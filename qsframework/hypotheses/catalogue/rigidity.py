@@ -204,43 +204,33 @@ def orders(tool: MarkerTool, state: int) -> list[Indices]:
     """Other orders (K,) of the markers that were read in a state."""
     read = np.flatnonzero(tool.read[state])
     out: list[Indices] = []
-    tried = permutations(read.tolist()) if len(read) <= _FEW else _exchanges(read.tolist())
-    for chosen in tried:
+    for chosen in permutations(read.tolist()) if len(read) <= _FEW else _exchanges(read.tolist()):
         order = np.arange(len(tool.marker))
         order[read] = chosen
-        if not np.array_equal(order, np.arange(len(order))):
+        if not np.array_equal(order[read], read):
             out.append(order)
     return out
 
 
 def _exchanges(read: list[int]) -> Iterator[list[int]]:
     """Orders in which two or three change places."""
-    for count in (2, 3):
-        for some in combinations(range(len(read)), count):
-            for turn in range(1, count):
-                order = list(read)
-                for k, i in enumerate(some):
-                    order[i] = read[some[(k + turn) % count]]
-                yield order
+    for some in (*combinations(read, 2), *combinations(read, 3)):
+        for turn in range(1, len(some)):
+            places = dict(zip(some, some[turn:] + some[:turn], strict=True))
+            yield [places.get(i, i) for i in read]
 
 
 def mended(tool: MarkerTool, shape: RigidShape, state: int) -> Indices | None:
     """The order of a bad state's markers that the shape allows, None where there is none."""
-    best: tuple[float, Indices] | None = None
-    for order in orders(tool, state):
-        p = float(shape.p_values(tool.ordered(state, order), inside=False)[0])
-        if p > _MENDED and (best is None or p > best[0]):
-            best = p, order
-    return None if best is None else best[1]
+    every = orders(tool, state)
+    p = [float(shape.p_values(tool.ordered(state, order), inside=False)[0]) for order in every]
+    return every[int(np.argmax(p))] if max(p, default=0.0) > _MENDED else None
 
 
 def one_wrong(tool: MarkerTool, shape: RigidShape, state: int) -> int | None:
     """The marker without which a bad state has the shape, None where several would do, or none."""
-    able: list[int] = []
-    for k in np.flatnonzero(tool.read[state]).tolist():
-        rest = tool.without(state, k)
-        if shape.dof(rest)[0] > 0 and float(shape.p_values(rest, inside=False)[0]) > _MENDED:
-            able.append(k)
+    rests = {k: tool.without(state, k) for k in np.flatnonzero(tool.read[state]).tolist()}
+    able = [k for k, t in rests.items() if shape.dof(t)[0] > 0 and shape.p_values(t, inside=False)[0] > _MENDED]
     return able[0] if len(able) == 1 else None
 
 
@@ -262,6 +252,11 @@ def _names(experiment: Experiment, marker: Indices) -> str:
     return listed([experiment.markers[int(m)].name for m in marker])
 
 
+def _moved(order: Indices) -> Indices:
+    """Where an order has another marker."""
+    return np.flatnonzero(order != np.arange(len(order)))
+
+
 def _exchanged_everywhere(experiment: Experiment, readings: Readings) -> list[Finding]:
     """Markers whose shape is that of the experiment in another order."""
     found: list[Finding] = []
@@ -277,10 +272,9 @@ def _exchanged_everywhere(experiment: Experiment, readings: Readings) -> list[Fi
         )
         if order is None or here < max(_CLEAR * best, _FAR):
             continue
-        marker = tool.marker[np.flatnonzero(order != np.arange(len(order)))]
         words = (
-            f"markers {_names(experiment, marker)} are exchanged in all states: their distances are "
-            f"{here * 1e3:.1f} mm off the experiment's, and {best * 1e3:.1f} mm if exchanged. Change the names"
+            f"markers {_names(experiment, tool.marker[_moved(order)])} are exchanged in all states: their distances "
+            f"are {here * 1e3:.1f} mm off the experiment's, and {best * 1e3:.1f} mm if exchanged. Change the names"
         )
         found.append(_exchanged(readings, tool, slice(None), order, words))
     return found
@@ -299,7 +293,7 @@ def _distances(experiment: Experiment, readings: Readings, tool: MarkerTool, lev
     for s in np.flatnonzero(bad).tolist():
         order = None if wild else mended(tool, shape, s)
         if order is not None:
-            moved = np.flatnonzero(order != np.arange(len(order)))
+            moved = _moved(order)
             said = f"markers {_names(experiment, tool.marker[moved])} are exchanged: the distances are right then"
             words = f"{lines(readings, np.sort(tool.rows[s, moved]))}: {said}"
             found.append(_exchanged(readings, tool, slice(s, s + 1), order, words))
@@ -328,7 +322,7 @@ def _wrong_distances(experiment: Experiment, tool: MarkerTool, shape: RigidShape
 def _exchanged(readings: Readings, tool: MarkerTool, states: slice, order: Indices, words: str) -> Finding:
     """Markers that stand under one another's names in some states: where `order` (K,) has a marker, k is meant."""
     marker = readings.marker.copy()
-    moved = np.flatnonzero(order != np.arange(len(order)))
+    moved = _moved(order)
     for k in moved.tolist():
         rows = tool.rows[states, order[k]]
         marker[rows[rows >= 0]] = tool.marker[k]

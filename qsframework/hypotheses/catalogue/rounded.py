@@ -54,16 +54,21 @@ def rounded_angles(experiment: Experiment, readings: Readings) -> tuple[Hypothes
     if not 1.0 / _NEAR < angle / usual < _NEAR:
         return None
     off = float(np.sqrt(np.square(rows.noise.colour(turned)).sum(axis=1).mean())) * usual
-    return _told(experiment, readings, step, off), 0.5 * found.gain
-
-
-def _told(experiment: Experiment, readings: Readings, step: float, off: float) -> Hypothesis:
-    """Angles in whole multiples of `step` rad; off: m, what this makes of a coordinate on average."""
     words = (
         f"the angles are rounded to {float(np.rad2deg(step)):g} deg, which moves the markers by {off * 1e3:.2g} mm a "
         "coordinate: write them with all digits of the controller"
     )
-    return Hypothesis("angles_rounded", 1.0, words, experiment, readings=readings, hides=True, column="q", found=step)
+    rounded = Hypothesis(
+        "angles_rounded",
+        1.0,
+        words,
+        experiment,
+        readings=readings,
+        hides=True,
+        column="q",
+        found=step,
+    )
+    return rounded, 0.5 * found.gain
 
 
 def _by_visit(turned: Array, visit: Indices) -> tuple[Array, Indices]:
@@ -74,7 +79,7 @@ def _by_visit(turned: Array, visit: Indices) -> tuple[Array, Indices]:
     np.add.at(products, at, turned[:, :, None] * turned[:, None])
     own = turned[:, None] @ np.linalg.eigh(products)[1][at]
     column: Indices = axes * at[:, None] + np.arange(axes, dtype=np.intp)
-    return np.asarray(own[:, 0], dtype=np.float64), column
+    return own[:, 0], column
 
 
 def _some(readings: Readings) -> Readings:

@@ -49,7 +49,13 @@ def masked(readings: Readings, masks: Iterable[Flags | None]) -> Readings:
 
 def among(readings: Readings, index: Indices) -> Flags:
     """(R,) whether each row is one of those at `index` (k,)."""
-    return np.asarray(np.isin(np.arange(len(readings)), index), dtype=np.bool_)
+    return np.isin(np.arange(len(readings)), index)
+
+
+def as_series(readings: Readings, rows: Flags, name: str) -> Readings:
+    """Some rows (R,) as a series of their own, whose frame is found."""
+    frame = np.where(rows, len(readings.frames), readings.frame)
+    return replace(readings, frame=frame, frames=(*readings.frames, name), known=(*readings.known, None))
 
 
 def finding(name: str, readings: Readings, index: Indices, words: str, mask: bool = True) -> Finding:
@@ -114,17 +120,13 @@ def _coarse(readings: Readings) -> bool:
 
 def copies(readings: Readings) -> list[Finding]:
     """Rows that are copies of others to the last digit, of which the first one stays."""
-    values = np.nan_to_num(readings.value)
-    whole = np.isfinite(readings.value).all(axis=1)
-    seen: dict[object, int] = {}
-    coarse = _coarse(readings)
+    values, whole = np.nan_to_num(readings.value), np.isfinite(readings.value).all(axis=1)
+    firsts: dict[object, int] = {}
     same: dict[int, list[int]] = {}
-    pose = readings.pose
+    coarse, pose, keys = _coarse(readings), readings.pose, np.round(values, 12).tolist()
     for i in np.flatnonzero(readings.use & whole & np.any(values, axis=1)).tolist():
-        first = seen.setdefault(tuple(np.round(np.asarray(values[i]), 12).tolist()), i)
-        if coarse and pose[i] == pose[first]:
-            continue
-        if first != i and np.count_nonzero(values[i]) == 3:
+        first = firsts.setdefault(tuple(keys[i]), i)
+        if first != i and not (coarse and pose[i] == pose[first]) and np.all(values[i]):
             same.setdefault(first, []).append(i)
     found: list[Finding] = []
     for first, more in same.items():

@@ -145,7 +145,7 @@ class _Sums:
     def left(self, first: Indices, last: Indices) -> Array:
         """The sum of squares (n,) that runs leave."""
         along = self.start + self.along[last] - self.along[first]
-        return np.asarray(self.plain + self.total[last] - self.total[first] - np.square(along).sum(axis=1))
+        return self.plain + self.total[last] - self.total[first] - np.square(along).sum(axis=1)
 
 
 def _best(sums: _Sums, least: int, rest: int) -> tuple[int, int]:

@@ -21,7 +21,8 @@ import numpy as np
 from qsframework.estimation.projection import Flags
 from qsframework.estimation.variance_component import with_variance
 from qsframework.estimation.visit_noise import Reml
-from qsframework.hypotheses.search.null_draws import null_draws
+from qsframework.hypotheses.columns import by_size
+from qsframework.hypotheses.search.family_test import null_draws
 from qsframework.plugin import Array, Indices
 
 TAUS = np.geomspace(0.7, 200.0, 11)
@@ -113,7 +114,7 @@ def evidence(
         held.append(np.zeros((len(some), effects.shape[1])))
         for k, rest, total in zip(places, rests, totals, strict=True):
             for part in _parts(some, fits, k):
-                deviance = _deviance(part, rest, total, fits.free) + fits.cost[k]
+                deviance = fits.free * np.log(_factors(part, rest, total, fits.free).min(axis=1)) + fits.cost[k]
                 best[-1][part.of] = np.minimum(best[-1][part.of], deviance)
                 if k == found:
                     held[-1][part.of] = np.square(part.along(own)).sum(axis=1) / square
@@ -130,11 +131,11 @@ def prior_of(block: Array, fits: Reml, values: Array) -> float:
         rest = fits.left(k, values)
         total = float(rest @ rest)
         for part in _parts([block], fits, k):
-            for tau in TAUS:
-                dev = float(_deviance(part, rest[:, None], np.array([total]), fits.free, (tau,))[0, 0])
-                if dev + fits.cost[k] < best:
-                    largest = float(np.linalg.svd(fits.left(k, block), compute_uv=False)[0])
-                    best, sd = dev + fits.cost[k], float(tau) * float(np.sqrt(total / fits.free)) / largest
+            factors = _factors(part, rest[:, None], np.array([total]), fits.free)[0, :, 0]
+            deviance = fits.free * np.log(factors) + fits.cost[k]
+            if (least := float(deviance.min())) < best:
+                largest = float(np.linalg.svd(fits.left(k, block), compute_uv=False)[0])
+                best, sd = least, float(TAUS[deviance.argmin()]) * float(np.sqrt(total / fits.free)) / largest
     return sd
 
 
@@ -166,19 +167,15 @@ def _parts(blocks: Sequence[Array], fits: Reml, k: int) -> list[_Seen]:
     """The directions of the blocks that the fit in noise k leaves enough of."""
     white = np.ascontiguousarray(fits.noise.noises[k].whiten(np.concatenate(blocks, axis=1)).T)
     fitted = white @ fits.Q[k]
-    sizes: Indices = np.array([b.shape[1] for b in blocks], dtype=np.intp)
-    first: Indices = np.cumsum(sizes) - sizes
     out: list[_Seen] = []
-    for count in np.unique(sizes[sizes > 0]).tolist():
-        of = np.flatnonzero(sizes == count)
-        at: Indices = first[of][:, None] + np.arange(int(count))
+    for of, at in by_size(np.array([b.shape[1] for b in blocks], dtype=np.intp)):
         X, F = white[at], fitted[at]
         products = X @ X.transpose(0, 2, 1)
         largest = np.diagonal(products, axis1=1, axis2=2).max(axis=1)
         values, vectors = np.linalg.eigh(products - F @ F.transpose(0, 2, 1))
         values, vectors = values[:, ::-1], vectors[:, :, ::-1]
         seen = (values > _LEAST**2 * values[:, :1]) & (values > _LEFT**2 * largest[:, None]) & (values > 1e-300)
-        seen &= np.arange(int(count)) < _MOST
+        seen &= np.arange(int(at.shape[1])) < _MOST
         some = seen.any(axis=1)
         weight = np.where(seen, values / np.where(values[:, :1] > 0.0, values[:, :1], 1.0), 0.0)
         turn = vectors / np.sqrt(np.where(seen, values, np.inf))[:, None, :]
@@ -188,7 +185,6 @@ def _parts(blocks: Sequence[Array], fits: Reml, k: int) -> list[_Seen]:
     return out
 
 
-def _deviance(part: _Seen, rest: Array, total: Array, free: int, taus: Sequence[float] = tuple(TAUS)) -> Array:
-    """The smallest dev (b, n) over tau of residuals (m, n), without what the noise costs."""
-    square = np.square(part.along(rest))
-    return free * np.log(with_variance(part.weight, square, total, np.square(taus), free).min(axis=1))
+def _factors(part: _Seen, rest: Array, total: Array, free: int) -> Array:
+    """exp(dev / free) (b, taus, n) of residuals (m, n), without what the noise costs."""
+    return with_variance(part.weight, np.square(part.along(rest)), total, np.square(TAUS), free)

@@ -13,14 +13,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
+from qsframework.estimation.projection import Flags
 from qsframework.estimation.tails import chi2_sf, f_sf
 from qsframework.estimation.visit_noise import Reml
-from qsframework.hypotheses.search.null_draws import null_draws
+from qsframework.hypotheses.columns import by_size
 from qsframework.plugin import Array, Indices
-
-Flags = npt.NDArray[np.bool_]
 
 DRAWS = 1000
 _LARGE = 4_000_000
@@ -28,6 +26,25 @@ _LARGE = 4_000_000
 _NEAR = 2
 """Places of the grid to each side of the estimate that a draw looks at where readings are many: they tell rho well."""
 _MANY = 3000
+
+
+def null_draws(fits: Reml, k: int, values: Array, draws: int, seed: int, measured: Flags | None = None) -> Array:
+    """Draws (3 R, draws) m of readings (3 R,) m with nothing in them, in noise k; measured (3 R,): those that exist.
+
+    The whitened residuals change places, row by row, and their signs: tails stay as they were measured, where Gaussian
+    draws would have none, and whatever acts somewhere loses its place.
+    """
+    rng = np.random.default_rng(seed)
+    rows = fits.left(k, values).reshape(-1, 3)
+    there = np.ones(rows.shape, dtype=bool) if measured is None else measured.reshape(-1, 3)
+    kind = there @ [1, 2, 4]
+    drawn = np.zeros((len(rows), 3, draws))
+    for pattern in np.unique(kind).tolist():
+        at = np.flatnonzero(kind == pattern)
+        order = rng.permuted(np.tile(at, (draws, 1)), axis=1)
+        drawn[at] = rows[order].transpose(1, 2, 0)
+    drawn *= rng.choice(np.array([-1.0, 1.0]), drawn.shape)
+    return fits.noise.noises[k].colour(drawn.reshape(len(values), draws)) * there.reshape(-1, 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,13 +108,7 @@ class _Bank:
 
 
 def _bank(blocks: Sequence[FamilyBlock]) -> _Bank:
-    sizes: Indices = np.array([b.columns.shape[1] for b in blocks], dtype=np.intp)
-    first: Indices = np.cumsum(sizes) - sizes
-    parts: list[tuple[Indices, Indices]] = []
-    for k in np.unique(sizes[sizes > 0]).tolist():
-        of = np.flatnonzero(sizes == k)
-        at: Indices = first[of][:, None] + np.arange(int(k))
-        parts.append((of, at))
+    parts = by_size(np.array([b.columns.shape[1] for b in blocks], dtype=np.intp))
     columns = np.concatenate([b.columns for b in blocks], axis=1)
     return _Bank(columns, tuple(parts), np.array([b.one_sided for b in blocks], dtype=bool))
 

@@ -172,28 +172,28 @@ def refit(
 
 def _beyond(fit: SettledFit) -> bool:
     """Whether a parameter ends significantly beyond its bound: then the subset is not physical."""
-    sd = np.sqrt(np.diag(fit.covariance))
-    for name, s in zip(fit.names, sd, strict=True):
-        p = fit.model.parameters[fit.model.names.index(name)]
-        value = fit.value(name)
-        if value < p.lower - _BEYOND * s or value > p.upper + _BEYOND * s:
-            return True
-    return False
+    at = fit.model.index(fit.names)
+    lower, upper = (np.array([getattr(fit.model.parameters[i], end) for i in at]) for end in ("lower", "upper"))
+    far, x = _BEYOND * np.sqrt(np.diag(fit.covariance)), fit.x[at]
+    return bool(np.any((x < lower - far) | (x > upper + far)))
 
 
 def size_of(library: Library, i: int, given: Sequence[int]) -> float:
     """s of cause i beside the given ones."""
-    fall = float(library.gram.falls(tuple(given), [i])[0]) / library.unit([*given, i])
-    return float(np.sqrt(max(fall - len(library.gram.at[i]), 0.0)))
+    return float(np.sqrt(max(_fall(library, i, given) - len(library.gram.at[i]), 0.0)))
+
+
+def _fall(library: Library, i: int, given: Sequence[int]) -> float:
+    """By how much cause i lowers the squares beside the given ones, in units of what is then left."""
+    return float(library.gram.falls(given, [i])[0]) / library.unit([*given, i])
 
 
 def p_value_of(library: Library, i: int, given: Sequence[int]) -> float:
     """Family-wise: max-T of a cause alone, a union bound for one beside others."""
     if not given:
         return float(library.scores.p_adjusted[i])
-    fall = library.gram.falls(tuple(given), [i]) / library.unit([*given, i])
-    dof = np.array([len(library.gram.at[i])])
-    log_p = log_p_values(fall, dof, np.array([library.gram.sided[i]]), library.nu)
+    fall, dof, sided = _fall(library, i, given), len(library.gram.at[i]), library.gram.sided[i]
+    log_p = log_p_values(np.array([fall]), np.array([dof]), np.array([sided]), library.nu)
     return float(min(len(library.heads) * np.exp(log_p[0]), 1.0))
 
 
@@ -223,11 +223,7 @@ def most_plausible(library: Library, i: int) -> int:
         s = float(np.linalg.norm(subspace.Q.T @ library.case.residuals))
         odd = abs(float(np.log(max(s, 1e-9) / float(subspace.values[0]))))
         cause = subspace.cause
-        return not _right_sign(library, j), cause.group, cause.kind.role == _LAST, odd
+        wrong = library.gram.sided[j] and library.gram.c[library.gram.at[j][0]] < 0.0
+        return bool(wrong), cause.group, cause.kind.role == _LAST, odd
 
     return min(library.aliases(i), key=order)
-
-
-def _right_sign(library: Library, j: int) -> bool:
-    at = library.gram.at[j]
-    return not (library.gram.sided[j] and library.gram.c[at[0]] < 0.0)

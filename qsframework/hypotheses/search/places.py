@@ -142,10 +142,10 @@ class Competition:
 
 def _shares(evidence: Sequence[float]) -> Array:
     odds = np.exp(np.array(evidence) - max(evidence, default=0.0))
-    return np.asarray(odds / max(odds.sum(), 1e-300))
+    return odds / max(odds.sum(), 1e-300)
 
 
-def _mean(evidence: Sequence[float]) -> float:
+def _mean(evidence: Sequence[float] | Array) -> float:
     return float(np.logaddexp.reduce(evidence) - np.log(len(evidence)))
 
 
@@ -269,7 +269,7 @@ def _weighted(a: Array, w: Array) -> Array:
 
 
 def _likelihood(noise: _Noise, rss: Array, log_det: Array) -> Array:
-    return np.asarray(noise.start - 0.5 * (noise.free * np.log(rss / noise.total) + log_det))
+    return noise.start - 0.5 * (noise.free * np.log(rss / noise.total) + log_det)
 
 
 def _with_law(free: _Free, noise: _Noise, Z: Array) -> Array:
@@ -335,7 +335,7 @@ class _Race:
                 if motion is motions[0]:
                     best = max(best, (float(L.max()), float(_TAUS[L.argmax()]) * noise.unit / size))
         e = float(np.logaddexp.reduce(np.concatenate(found)) - np.log(len(_TAUS) * len(motions)))
-        law = Law(place.law.part, place.law.place, (), axis)
+        law = replace(place.law, axis=axis)
         return PlaceMotion(place, tuple(at), law, e - self.nothing + _prior(place, axis), best[1])
 
     def laws(self, free: Sequence[PlaceMotion], moved: Motions, by: Sequence[Variable]) -> list[PlaceMotion]:
@@ -352,7 +352,7 @@ class _Race:
                 unit, size = self.unit(Z)
                 L = _with_law(beside, noise, self.white(unit.reshape(-1, Z.shape[2]), noise)) + prior[:, None]
                 e = float(np.logaddexp.reduce(L.ravel()) - np.log(L.shape[1])) - self.nothing
-                law = Law(place.law.part, place.law.place, factors, start.law.axis)
+                law = replace(start.law, by=factors)
                 sd = float(_WEIGHTS[L[0].argmax()]) * noise.unit / size
                 far = 0.0 if law.reaches(moved.facts) else _STANDS_IN
                 out.append(PlaceMotion(place, start.at, law, e + _prior(place, start.law.axis) - far, sd))
@@ -364,7 +364,7 @@ class _Race:
         out = list[float]()
         for noise, nothing in zip(self.noises, self._still, strict=True):
             L = _with_law(nothing, noise, self.white(unit.reshape(columns.shape), noise))
-            out.append(float(np.logaddexp.reduce(L.ravel()) - np.log(L.size)))
+            out.append(_mean(L.ravel()))
         return float(np.logaddexp.reduce(out)) - self.nothing
 
     def alike(self, every: Sequence[list[PlaceMotion]]) -> list[list[list[PlaceMotion]]]:

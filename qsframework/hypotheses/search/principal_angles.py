@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from qsframework.estimation.tails import normal_isf, normal_sf
-from qsframework.hypotheses.columns import Subspace
+from qsframework.hypotheses.columns import Subspace, by_size
 from qsframework.plugin import Array, Indices
 
 ALIKE = float(np.deg2rad(1.0))
@@ -30,13 +30,11 @@ class _Directions:
         ends = np.cumsum([0, *sizes])
         self.sizes = np.array(sizes)
         self.at = [slice(a, b) for a, b in pairwise(ends)]
-        self.first = ends[:-1]
         self.sided = np.array([s.one_sided for s in subspaces], dtype=bool)
         every = np.concatenate([s.Q for s in subspaces], axis=1) if subspaces else np.zeros((0, 0))
         tall = every.shape[0] > every.shape[1]
         self.Q = np.asarray(np.linalg.qr(every, mode="r") if tall else every, dtype=np.float64)
-        self.single: Indices = np.flatnonzero(self.sizes == 1)
-        self.wide: Indices = np.flatnonzero(self.sizes > 1)
+        self.groups = list(by_size(self.sizes))
 
     def angles(self, i: int, whole: bool = True) -> tuple[Array, Array]:
         """Smallest and largest principal angle (G,) of cause i with each cause; nan with itself and invisible ones.
@@ -51,17 +49,15 @@ class _Directions:
         cosines = own.T @ self.Q
         left = self.Q - own @ cosines
         left -= own @ (own.T @ left)
-        column = self.first[self.single]
-        cosine: Array = np.linalg.norm(cosines[:, column], axis=0)
-        if self.sided[i]:  # two causes that can only grow may point away from each other
-            cosine = np.where(self.sided[self.single], cosines[0, column], cosine)
-        smallest[self.single] = np.arctan2(np.linalg.norm(left[:, column], axis=0), cosine)
-        largest[self.single] = smallest[self.single]
-        wide = self.wide if whole or self.sizes[i] > 1 else self.wide[:0]
-        for size in map(int, np.unique(self.sizes[wide])):
-            of = wide[self.sizes[wide] == size]
-            columns: Indices = self.first[of][:, None] + np.arange(size)
-            smallest[of], largest[of] = _extremes(cosines.T[columns], left.T[columns])
+        for of, columns in self.groups:
+            if columns.shape[1] == 1:
+                column = columns[:, 0]
+                cosine: Array = np.linalg.norm(cosines[:, column], axis=0)
+                if self.sided[i]:  # two causes that can only grow may point away from each other
+                    cosine = np.where(self.sided[of], cosines[0, column], cosine)
+                smallest[of] = largest[of] = np.arctan2(np.linalg.norm(left[:, column], axis=0), cosine)
+            elif whole or self.sizes[i] > 1:
+                smallest[of], largest[of] = _extremes(cosines.T[columns], left.T[columns])
         smallest[i] = largest[i] = np.nan
         return smallest, largest
 
@@ -72,9 +68,7 @@ class _Directions:
     def near(self, i: int, angle: float) -> Indices:
         """The other causes of as many directions that may all lie within an angle of those of cause i: none of their
         directions has less in its span than the angle leaves."""
-        size = int(self.sizes[i])
-        of = np.flatnonzero(self.sizes == size)
-        columns: Indices = self.first[of][:, None] + np.arange(size)
+        of, columns = next(group for group in self.groups if i in group[0])
         held = np.square(self._products[self.at[i]])[:, columns].sum(axis=0).min(axis=1)
         return of[(held > np.cos(angle) ** 2 - _ROUNDING) & (of != i)]
 

@@ -84,7 +84,7 @@ class Gram:
     ) -> Array:
         """EBIC of subsets of one size that leave rss (n,), less that of no cause, which leaves `total`."""
         fall = self.count * np.log(np.maximum(rss, 1e-300) / (self.total if total is None else total))
-        return np.asarray(fall + dof * np.log(self.count) + 2.0 * np.log(comb(classes, size)))
+        return fall + dof * np.log(self.count) + 2.0 * np.log(comb(classes, size))
 
     def solve(self, members: Sequence[int]) -> tuple[float, Array, bool]:
         """Squares left by a subset, its coefficients, and whether it is physical: signs and bounds kept."""
@@ -188,7 +188,7 @@ def _fall(G: Array, c: Array) -> Array:
         d = G[..., 0, 0]
         return np.where(d > _FLOOR, np.square(c[..., 0]) / np.maximum(d, _FLOOR), 0.0)
     solved = np.linalg.solve(G + _FLOOR * np.eye(G.shape[-1]), c[..., None])
-    return np.asarray((c * solved[..., 0]).sum(axis=-1))
+    return (c * solved[..., 0]).sum(axis=-1)
 
 
 def make_gram(

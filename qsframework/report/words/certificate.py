@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from qsframework.applications.certificate import COVERAGE, Certificate, Conformity
 from qsframework.errors import some_of
+from qsframework.report.words.sizes import mm
 
 SOURCES = {
     "parameters": ("noise of the readings that the parameters rest on", "fit, covariance of the parameters"),
@@ -42,9 +43,9 @@ def conformity_words(c: Conformity | None) -> str:
     """The statement of conformity in one sentence."""
     if c is None:
         return "No tolerance is stated, so nothing is said about conformity."
-    known = f"U = {1e3 * c.expanded:.3f} mm, k = {COVERAGE:.0f}" if c.expanded >= 0.0 else "U not stated"
-    size = f"95 % of the readings held out are within {1e3 * c.error:.3f} mm ({known}), "
-    size += f"the tolerance is {1e3 * c.tolerance:.3f} mm"
+    known = f"U = {mm(c.expanded)} mm, k = {COVERAGE:.0f}" if c.expanded >= 0.0 else "U not stated"
+    size = f"95 % of the readings held out are within {mm(c.error)} mm ({known}), "
+    size += f"the tolerance is {mm(c.tolerance)} mm"
     if c.holds is None:
         return f"Conformity can be neither stated nor denied: {size}."
     return f"The calibrated robot {'conforms' if c.holds else 'does NOT conform'}: {size}."
@@ -53,8 +54,7 @@ def conformity_words(c: Conformity | None) -> str:
 def assumed_words(found: Certificate) -> list[str]:
     """What was taken as known."""
     out = [f"The model is {'the linear one' if found.fit.linear else 'the full equilibrium of arm, springs and load'}."]
-    noise = f"The noise of one coordinate, {1e3 * found.fit.sigma:.4f} mm, is {found.fit.sigma_source}."
-    out.append(noise)
+    out.append(f"The noise of one coordinate, {mm(found.fit.sigma, 4)} mm, is {found.fit.sigma_source}.")
     if found.kept:
         out.append(f"Kept at their nominal values, without an uncertainty of their own: {some_of(found.kept)}.")
     if found.fit.total_covariance is None:

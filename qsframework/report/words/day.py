@@ -19,8 +19,23 @@ _ASKED = {
 }
 _CORRECTABLE = ("markers", "unit", "sign", "axes", "decimal", "sign of one", "tracker")
 """Kinds whose readings can be put right without another reading."""
-
-
+_MISTAKES = {
+    "markers": "Markers {both} are exchanged.",
+    "unit": "The numbers are in {0}, not in mm.",
+    "sign": "The sign of {both} is turned.",
+    "sign of one": "The sign of {1} of {0} is turned: {2} mm.",
+    "axes": "The columns are {all}, not x, y, z.",
+    "decimal": "The decimal point of {1} of {0} is shifted: {2} mm.",
+    "no load": "The load was not put on: the markers did not move as it would move them.",
+    "load": "The arm gave as under {0}: look at what hangs there, and on which hook.",
+    "force": "The row says {0}, the plan {1}: which one hung there?",
+    "exchanged": "Loaded and unloaded are exchanged.",
+    "still loaded": "The load is still on: {0}.",
+    "pose": "These are readings of pose {0}: does the arm stand there, or is it another row?",
+    "angle": "{0} is {2} from the plan ({1}): look at the pendant.",
+    "marker": "Marker {0} alone is off: does the reflector sit in its nest, was the right one taken?",
+    "tracker": "All markers moved as one: the tracker was moved, or the arm's base. Read the floor reflectors.",
+}
 DONE = {"keep": "kept as it is", "correct": "corrected as proposed", "again": "to be read again"}
 NOTHING_NEW = "taken in before, nothing in it is new."
 
@@ -75,10 +90,7 @@ def check_words(check: Check) -> str:
 
 def mistake_words(mistake: Explanation) -> str:
     """What a reading most likely is, and what to do."""
-    said = _kind_words(mistake)
-    if mistake.or_:
-        said += " Or: " + " Or: ".join(_kind_words(m) for m in mistake.or_)
-    return said
+    return " Or: ".join(map(_kind_words, (mistake, *mistake.or_)))
 
 
 def can_correct(mistake: Explanation) -> bool:
@@ -87,40 +99,8 @@ def can_correct(mistake: Explanation) -> bool:
 
 
 def _kind_words(mistake: Explanation) -> str:
-    what = mistake.what
-    match mistake.kind:
-        case "markers":
-            return f"Markers {' and '.join(what)} are exchanged."
-        case "unit":
-            return f"The numbers are in {what[0]}, not in mm."
-        case "sign":
-            return f"The sign of {' and '.join(what)} is turned."
-        case "sign of one":
-            return f"The sign of {what[1]} of {what[0]} is turned: {what[2]} mm."
-        case "axes":
-            return f"The columns are {', '.join(what)}, not x, y, z."
-        case "decimal":
-            return f"The decimal point of {what[1]} of {what[0]} is shifted: {what[2]} mm."
-        case "no load":
-            return "The load was not put on: the markers did not move as it would move them."
-        case "load":
-            return f"The arm gave as under {what[0]}: look at what hangs there, and on which hook."
-        case "force":
-            return f"The row says {what[0]}, the plan {what[1]}: which one hung there?"
-        case "exchanged":
-            return "Loaded and unloaded are exchanged."
-        case "still loaded":
-            return f"The load is still on: {what[0]}."
-        case "pose":
-            return f"These are readings of pose {what[0]}: does the arm stand there, or is it another row?"
-        case "angle":
-            return f"{what[0]} is {what[2]} from the plan ({what[1]}): look at the pendant."
-        case "marker":
-            return f"Marker {what[0]} alone is off: does the reflector sit in its nest, was the right one taken?"
-        case "tracker":
-            return "All markers moved as one: the tracker was moved, or the arm's base. Read the floor reflectors."
-        case _:
-            return "No single mistake explains it: read the state again."
+    words = _MISTAKES.get(mistake.kind, "No single mistake explains it: read the state again.")
+    return words.format(*mistake.what, both=" and ".join(mistake.what), all=", ".join(mistake.what))
 
 
 def floor_words(judged: FloorJudged) -> str:

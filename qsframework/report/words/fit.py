@@ -117,10 +117,13 @@ def fit_verdict(fit: Fit, poses: Poses | None = None) -> Verdict:
     unknown = [*(e.name for e in asked if e.state not in _KNOWN), *(entry.name for entry in fit.not_estimated)]
     total = len(known) + len(unknown)
     p = fit.p_value
-    size = f"{mm(before)} \u2192 {mm(after)} mm (3D RMS at held-out poses{_with_masked(fit)})"
+    kept = next(of.get("held_out_without_masked") for of in fit.errors.values())
+    masked = "" if kept is None else f", all rows; {mm(kept)} without masked rows"
+    size = f"{mm(before)} \u2192 {mm(after)} mm (3D RMS at held-out poses{masked})"
     if not np.isfinite(after):
         size = "no pose can be held out: the held-out error is unknown"
-    outcome = f"{_all(total)} identified" if not unknown else f"{len(known)} of {total} parameters identified"
+    every = "its one parameter is" if total == 1 else f"all {total} parameters are"
+    outcome = f"{every} identified" if not unknown else f"{len(known)} of {total} parameters identified"
     mark, word = Mark.GOOD, "Identified"
     if unknown:
         mark, word = Mark.LOOK, "Partially identified"
@@ -156,16 +159,6 @@ def fit_verdict(fit: Fit, poses: Poses | None = None) -> Verdict:
             (f"{len(known)} of {total}", "parameters identified"),
         ),
     )
-
-
-def _with_masked(fit: Fit) -> str:
-    """The error without masked rows too, where there are any."""
-    kept = next(of.get("held_out_without_masked") for of in fit.errors.values())
-    return "" if kept is None else f", all rows; {mm(kept)} without masked rows"
-
-
-def _all(total: int) -> str:
-    return "its one parameter is" if total == 1 else f"all {total} parameters are"
 
 
 def listed_names(names: Sequence[str]) -> str:

@@ -13,7 +13,7 @@ from qsframework.hypotheses.catalogue.causes import REACH
 from qsframework.report.blocks import Mark, Verdict
 from qsframework.report.words.follow_up import mounts_words
 from qsframework.report.words.law import place_words
-from qsframework.report.words.sizes import people_size
+from qsframework.report.words.sizes import grouped, people_size
 
 _WORST = 3
 """Places that are told least of which it is said."""
@@ -21,30 +21,30 @@ _WORST = 3
 
 def foresight_words(found: Foresight, hidden: bool = True) -> tuple[str, ...]:
     """What the plan can and cannot tell, in sentences; hidden: with all that it cannot show."""
-    seen = [p for p in found.prospects if p.status is not Outlook.INVISIBLE]
-    named = [p for p in seen if p.status is Outlook.NAMED]
+    seen, named = _counts(found)
     said = [
         f"Of {len(found.prospects)} causes, {found.poses} poses at a noise of {1e3 * found.sigma:.3g} mm would detect "
-        f"{len(seen)} and name {len(named)}, of realistic size ({100 * found.power:.0f} % detected, "
+        f"{seen} and name {named}, of realistic size ({100 * found.power:.0f} % detected, "
         f"{100 * found.share:.0f} % named right, {100 * found.level:.2g} % false alarms)."
     ]
     if found.groups:
         said.append("Cannot be separated: " + "; ".join(" / ".join(g) for g in found.groups) + ".")
     said += _hidden_words(found) if hidden else ()
     said += unknown_words(found.unknown) if found.unknown is not None else ()
-    needs: dict[tuple[str, ...], list[str]] = {}
-    for u in found.untested:
-        needs.setdefault(u.needs, []).append(u.name)
+    needs = grouped((u.needs, u.name) for u in found.untested)
     said += [f"Only with the column {' and '.join(own)}: {', '.join(names)}." for own, names in needs.items()]
     return tuple(said)
 
 
+def _counts(found: Foresight) -> tuple[int, int]:
+    """How many causes the plan would detect, and name."""
+    outlooks = [p.status for p in found.prospects]
+    return len(outlooks) - outlooks.count(Outlook.INVISIBLE), outlooks.count(Outlook.NAMED)
+
+
 def _hidden_words(found: Foresight) -> Iterator[str]:
     """What the plan cannot show, and why."""
-    hidden: dict[Why | None, list[str]] = {}
-    for p in found.prospects:
-        if p.status is Outlook.INVISIBLE:
-            hidden.setdefault(p.why, []).append(p.name)
+    hidden = grouped((p.why, p.name) for p in found.prospects if p.status is Outlook.INVISIBLE)
     yield from (f"Invisible here, {kind_words(why)}: {', '.join(names)}." for why, names in hidden.items())
 
 
@@ -110,16 +110,15 @@ def curve_words(curve: PowerCurve) -> str:
 
 def foresight_verdict(found: Foresight) -> Verdict:
     """How many causes the plan would detect and name."""
-    seen = [p for p in found.prospects if p.status is not Outlook.INVISIBLE]
-    named = [p for p in seen if p.status is Outlook.NAMED]
-    plain = len(named) == len(found.prospects)
+    seen, named = _counts(found)
+    plain = named == len(found.prospects)
     return Verdict(
         Mark.GOOD if plain else Mark.LOOK,
         "Every cause would be named" if plain else "Not every cause would be named",
         foresight_words(found)[0],
         (
-            (f"{len(named)} of {len(found.prospects)}", "causes named"),
-            (f"{len(seen)} of {len(found.prospects)}", "causes detected"),
+            (f"{named} of {len(found.prospects)}", "causes named"),
+            (f"{seen} of {len(found.prospects)}", "causes detected"),
             (f"{len(found.groups)}", "groups that stay together"),
             (f"{found.poses}", "poses"),
         ),

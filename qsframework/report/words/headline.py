@@ -145,11 +145,10 @@ def names_words(findings: Sequence[NamedCause]) -> str:
 def worst_poses(found: Diagnosis, count: int) -> tuple[str, ...]:
     """Names of the poses at which most is left."""
     r = found.readings
-    at = r.plus[found.kept]
-    left = np.square(found.residuals()[1]).sum(axis=1)
-    square = {r.states.pose[m]: 0.0 for m in map(int, at)}
-    for m, value in zip(map(int, at), left.tolist(), strict=True):
-        square[r.states.pose[m]] += value
+    names = [r.states.pose[i] for i in map(int, r.plus[found.kept])]
+    square = dict.fromkeys(names, 0.0)
+    for name, value in zip(names, np.square(found.residuals()[1]).sum(axis=1).tolist(), strict=True):
+        square[name] += value
     return tuple(sorted(square, key=lambda name: -square[name])[:count])
 
 

@@ -78,7 +78,7 @@ def _how(point: TrackerPoint) -> str:
     parts = [
         f"{kind if kind != 'loaded' else 'state'} {_SAID_BY[by]}" for kind, by in origins.items() if by in _SAID_BY
     ]
-    ways = {by for by in origins.values()}
+    ways = set(origins.values())
     return f"all {_SAID_BY[next(iter(ways))]}" if len(ways) == 1 and len(origins) == 3 else ", ".join(parts)
 
 
@@ -198,17 +198,17 @@ def import_json(found: Imported) -> dict[str, Any]:
         ],
         "match": found.match,
         "angles": found.angles,
-        "points": [
-            {"file": str(p.listing.sheet.path), "line": p.line, "name": p.name, "taken_for": label(p.slot)}
-            for p in found.points
-            if p.slot is not None
-        ],
+        "points": [{**_point_json(p), "taken_for": label(p.slot)} for p in found.points if p.slot is not None],
         "missing": [label(s) for s in found.missing],
         "ignored": [p.name for p in found.ignored],
-        "hidden": [{"file": str(p.listing.sheet.path), "line": p.line, "name": p.name} for p in found.hidden],
+        "hidden": [_point_json(p) for p in found.hidden],
         "placed": [{"series": p.series, "count": p.count, "rms": p.rms, "largest": p.largest} for p in found.placed],
         "frames": [_frame_json(a) for a in found.aligned],
     }
+
+
+def _point_json(p: TrackerPoint) -> dict[str, Any]:
+    return {"file": str(p.listing.sheet.path), "line": p.line, "name": p.name}
 
 
 def _frame_json(found: Aligned) -> dict[str, Any]:

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from typing import TypeVar
 
 from qsframework.plugin import Parameter
 
+K = TypeVar("K")
+V = TypeVar("V")
 _SCALES: dict[str, tuple[tuple[float, str], ...]] = {
     "m": ((1e-3, "mm"), (1e-6, "um")),
     "rad/(N m)": ((1e-6, "urad/(N m)"), (1e-9, "nrad/(N m)")),
@@ -86,9 +90,28 @@ def _digits(value: float, digits: int) -> str:
     return f"{rounded:.{max(digits - 1 - power, 0)}f}"
 
 
-def mm(value: float) -> str:
-    """A length, m, in mm to the micrometre."""
-    return f"{1e3 * value:.3f}" if math.isfinite(value) else "-"
+def grouped(pairs: Iterable[tuple[K, V]]) -> dict[K, list[V]]:
+    """What belongs to each key, in the order of the first of each."""
+    out: dict[K, list[V]] = {}
+    for key, value in pairs:
+        out.setdefault(key, []).append(value)
+    return out
+
+
+def kind_and_place(name: str) -> tuple[str, str]:
+    """`joint_backlash[joint_3]` -> joint_backlash, joint_3."""
+    kind, _, where = name.partition("[")
+    return kind, where.removesuffix("]")
+
+
+def number(value: float, written: str) -> str:
+    """A number in a format such as `.3f`; a dash where there is none."""
+    return format(value, written) if math.isfinite(value) else "-"
+
+
+def mm(value: float, digits: int = 3) -> str:
+    """A length, m, in mm; a dash where there is none."""
+    return f"{1e3 * value:.{digits}f}" if math.isfinite(value) else "-"
 
 
 _SHOWN = {"rad/(N m)": (1e6, "urad/(N m)"), "m/N": (1e6, "um/N"), "m": (1e3, "mm"), "rad": (1e3, "mrad")}
@@ -98,6 +121,21 @@ def shown(value: float, unit: str) -> tuple[float, str]:
     """A value in the one unit that tables show for its SI unit: compliances in urad/(N m)."""
     factor, name = _SHOWN.get(unit, (1.0, unit))
     return value * factor, name
+
+
+def shown_number(value: float, unit: str, digits: int = 4) -> str:
+    """The number of `shown`, without its unit."""
+    return f"{shown(value, unit)[0]:.{digits}g}"
+
+
+def unit_shown(unit: str) -> str:
+    """The unit that tables show for an SI unit."""
+    return shown(1.0, unit)[1]
+
+
+def shown_with_sd(value: float, sd: float, unit: str) -> str:
+    """A value with its sd, where one is quoted, in the unit that tables show."""
+    return with_sd(shown(value, unit)[0], shown(sd, unit)[0])
 
 
 def with_sd(value: float, sd: float) -> str:
@@ -113,10 +151,13 @@ def with_sd(value: float, sd: float) -> str:
 
 def value_words(value: float, sd: float, unit: str) -> str:
     """A value with its sd in the unit that tables show; fixed and bound ones say so instead."""
-    if sd > 0.0:
-        return f"{with_sd(*(shown(v, unit)[0] for v in (value, sd)))} {shown(1.0, unit)[1]}".strip()
-    why = "at bound" if math.isnan(sd) else "fixed"
-    return f"{shown(value, unit)[0]:.4g} {shown(1.0, unit)[1]} ({why})"
+    text = f"{shown_with_sd(value, sd, unit)} {unit_shown(unit)}"
+    return text.strip() if sd > 0.0 else f"{text} {unquoted(sd)}"
+
+
+def unquoted(sd: float) -> str:
+    """Why no sd is quoted, in brackets."""
+    return "(at bound)" if math.isnan(sd) else "(fixed)"
 
 
 def stiffness_words(unit: str, value: float) -> str:
