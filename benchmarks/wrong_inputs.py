@@ -29,7 +29,7 @@ from independent_effects import campaign_for
 
 from qsframework.applications.compensate import compensate
 from qsframework.applications.targets import joint_targets
-from qsframework.errors import QsfError
+from qsframework.errors import NotConverged, QsfError
 from qsframework.estimation import rms
 from qsframework.experiment import Experiment, Readings, load_experiment, make_rows, read_readings
 from qsframework.identify import Fit, identify
@@ -238,7 +238,7 @@ KINDS: dict[str, Callable[[Path], None]] = {
     "angle 3 with angle 2 added": rows(coupled),
     "angle 5 off by 2 degrees": angle(5, lambda v: v + 2.0),
     "angle 2 off by 2 degrees at three poses": angle(2, lambda v: v + 2.0, few),
-    "angle 5 in radians": angle(5, np.deg2rad),
+    "angle 5 in radians": angle(5, lambda v: v / 57.29577951308232),
     "angles 4 and 6 exchanged": exchanged("q4_deg", "q6_deg"),
     "angles of the pose before": rows(late),
     "markers exchanged": renamed({"m1": "m2", "m2": "m1"}),
@@ -268,7 +268,7 @@ KINDS: dict[str, Callable[[Path], None]] = {
 @dataclass(frozen=True)
 class Outcome:
     """What became of one input. check, identify: the names of what they say; stop: what compensate says instead of a
-    correction; errors m at fresh readings: stated, real, and of the arm before."""
+    correction; masked: whether the fit left rows out; errors m at fresh readings: stated, real, of the arm before."""
 
     kind: str
     base: str
@@ -276,6 +276,7 @@ class Outcome:
     check: tuple[str, ...] = ()
     identify: tuple[str, ...] = ()
     stop: str = ""
+    masked: bool = False
     stated: float = np.nan
     real: float = np.nan
     before: float = np.nan
@@ -300,7 +301,7 @@ class Outcome:
         if self.stop:
             return "named, stopped" if self.identify else "stopped"
         if self.check or self.identify:
-            return "named, used"
+            return "named, left out" if self.masked and not self.harmful else "named, used"
         return "unnoticed, harmful" if self.harmful else "harmless"
 
 
@@ -322,7 +323,7 @@ def outcome(kind: str, change: Callable[[Path], None] | None, campaign: Campaign
         except QsfError as error:
             return replace(found, refused=str(error).splitlines()[0].partition(": ")[2][:90])
         named = tuple(dict.fromkeys(f.name.partition("[")[0] for f in fit.account.findings))
-        found = replace(found, check=checked(experiment, readings), identify=named)
+        found = replace(found, check=checked(experiment, readings), identify=named, masked=bool(fit.masked))
         fresh = Campaign(replace(campaign.setting, poses=40, seed=campaign.setting.seed + FRESH, noise="nominal"))
         right = load_experiment(write_campaign(fresh, fresh.clean(Hidden(), campaign.built), Path(other)))
         at = read_readings(right.data, right, "positions")
@@ -330,7 +331,10 @@ def outcome(kind: str, change: Callable[[Path], None] | None, campaign: Campaign
             stated = stated_error(experiment, fit, at)
         except QsfError as error:
             return replace(found, stop=str(error).splitlines()[0].partition(": ")[2][:90])
-        real, before = real_errors(right, fit, at)
+        try:
+            real, before = real_errors(right, fit, at)
+        except NotConverged:  # the fitted arm does not bear the load
+            real, before = np.inf, np.nan
     return replace(found, stated=stated, real=real, before=before)
 
 

@@ -12,7 +12,7 @@ from qsframework.experiment.finding import Finding
 from qsframework.identify.estimate import EstimateState
 from qsframework.identify.record import SIGNIFICANT, FitRecord
 from qsframework.robot.findings import robot_findings
-from qsframework.screening import ROWS_MEND, find_mistakes
+from qsframework.screening import SINGLE, find_mistakes
 
 TOO_SMALL, TOO_LARGE = 1.0 / 3.0, 3.0
 """Times the stated noise: a tracker's own statement of its noise is no further off."""
@@ -25,21 +25,14 @@ _IDENTIFIED = (EstimateState.FINE, EstimateState.OUTSIDE_PRIOR, EstimateState.FI
 
 def findings_of(fit: FitRecord, experiment: Experiment, readings: Readings) -> tuple[Finding, ...]:
     """What is wrong with a fit's readings (R rows, as it used them), with the robot's files, and with its own size
-    where the readings do not say why.
+    where no mistake of the whole table explains it.
 
-    Rows that the options say are right (`keep_all`) are no finding.
+    Rows that the options say are right (`keep_all`) are no finding. Nor are single rows that stand out: noise can.
     """
-    mistakes = [one for one in find_mistakes(experiment, readings, gross=False) if one.told]
-    kept = [one.finding for one in mistakes if not (fit.options.keep_all and one.mask is not None)]
-    table = (*kept, *_of_rows(fit))
-    return (*table, *_of_files(fit, experiment), *(() if table else (*_of_noise(fit), *_of_estimates(fit))))
-
-
-def _of_rows(fit: FitRecord) -> Iterator[Finding]:
-    """Rows that do not fit, too many for the fit to leave them out by itself."""
-    for rows in fit.gross:
-        if not rows.unused:
-            yield Finding(rows.kind, rows.words, ROWS_MEND, rows=rows.rows)
+    mistakes = [one for one in find_mistakes(experiment, readings) if one.told and one.name != SINGLE]
+    table = [one.finding for one in mistakes if not (fit.options.keep_all and one.mask is not None)]
+    size = () if any(one.mask is None for one in mistakes) else (*_of_noise(fit), *_of_estimates(fit))
+    return (*table, *_of_files(fit, experiment), *size)
 
 
 def _of_files(fit: FitRecord, experiment: Experiment) -> Iterator[Finding]:

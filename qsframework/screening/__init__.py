@@ -3,12 +3,12 @@
 from qsframework.hypotheses.catalogue.rows import LEVEL, Finding, doubled, masked
 from qsframework.hypotheses.outliers import SHARE, find_outliers, told_outliers
 from qsframework.screening.check import find_mistakes, find_slips
-from qsframework.screening.mistake import ROWS_MEND, SUSPECTED, Mistake, adopted
+from qsframework.screening.mistake import SINGLE, SUSPECTED, Mistake, adopted
 
 __all__ = [
     "LEVEL",
-    "ROWS_MEND",
     "SHARE",
+    "SINGLE",
     "SUSPECTED",
     "Finding",
     "Mistake",

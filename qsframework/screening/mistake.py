@@ -15,9 +15,11 @@ _MENDS = {
     ),
     "load_payload": "Correct the forces, or payload_kg in robot.yaml.",
 }
+SINGLE = "gross"
+"""Name of a row that stands out alone."""
 SUSPECTED = tuple(_MENDS)
 """Names of what is told and never applied: no fit can prove it."""
-ROWS_MEND = "Correct the rows, have them left out (clean), or say that they are right (keep-all)."
+_ROWS = "Correct the rows, have them left out (clean), or say that they are right (keep-all)."
 _TABLE = "Correct the table, or how it is read."
 
 
@@ -54,7 +56,7 @@ class Mistake(Hypothesis):
     def finding(self) -> Finding:
         """The same as a fit keeps it: in words, with what to do."""
         kind = self.name.partition("[")[0]
-        by_rows = ROWS_MEND if self.mask is not None else _TABLE
+        by_rows = _ROWS if self.mask is not None else _TABLE
         return Finding(
             self.name, self.words, _MENDS.get(kind, by_rows), self.file or self.column, self.rows, self.evidence
         )
