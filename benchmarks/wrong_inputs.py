@@ -22,7 +22,7 @@ from datetime import date
 from pathlib import Path
 
 import numpy as np
-from common import machine, replace_between, table
+from common import machine, replace_between, shelved, table
 from independent import NOISES, Campaign, noisy, write_campaign
 from independent_arm import ARMS, Hidden
 from independent_effects import campaign_for
@@ -35,10 +35,9 @@ from qsframework.experiment import Experiment, Readings, load_experiment, make_r
 from qsframework.identify import Fit, identify
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "results.md"
-MARK = "wrong inputs"
 HARM = 3.0
 """Times the stated error beyond which a correction is harmful."""
-BASES = (("displacements", "heavy"), ("displacements", "coiled"), ("positions", "small"), ("mixed", "loop"))
+BASES = (("displacements", "coiled"), ("positions", "small"), ("mixed", "loop"))
 """Kinds of readings, and arms of the second generator."""
 FRESH = 1_000_003
 Row = dict[str, str]
@@ -282,6 +281,11 @@ class Outcome:
     before: float = np.nan
 
     @property
+    def sizes(self) -> tuple[float, float, float]:
+        """Before, stated and real."""
+        return self.before, self.stated, self.real
+
+    @property
     def why(self) -> str:
         """What names it."""
         return ", ".join(self.identify) or self.refused or self.stop
@@ -377,26 +381,23 @@ def mm(value: float) -> str:
 
 
 def tables(found: Sequence[Outcome], plain: Sequence[Outcome]) -> str:
-    """The sums, and each input."""
+    """The goals, and each input."""
     counts = Counter(one.verdict for one in found)
-    lines = [(verdict, str(count)) for verdict, count in sorted(counts.items())]
-    if plain:
-        stopped = sum(bool(one.stop or one.identify or one.refused) for one in plain)
-        lines.append((f"of {len(plain)} clean campaigns: named or stopped", str(stopped)))
-    each = [
-        (
-            one.kind,
-            one.base,
-            one.verdict,
-            one.why,
-            mm(one.before),
-            mm(one.stated),
-            mm(one.real),
-        )
-        for one in found
+    goals = [
+        ("named by one verb and used by another without a stop", "0", str(counts["named, used"])),
+        ("harmful and unnoticed", "-", str(counts["unnoticed, harmful"])),
+        ("refused by the reader or by the fit", "-", str(counts["refused"])),
+        ("named, and whatever uses the fit stops", "-", str(counts["named, stopped"] + counts["stopped"])),
+        ("named, and its rows left out by the fit", "-", str(counts["named, left out"])),
+        ("harmless: no correction worse than stated", "-", str(counts["harmless"])),
     ]
+    rows = [(words, goal, hits, str(len(found))) for words, goal, hits in goals]
+    if plain:
+        wrong = sum(bool(one.stop or one.identify or one.refused) for one in plain)
+        rows.append(("clean campaigns in which something is stopped", "<= 1 %", str(wrong), str(len(plain))))
+    each = [(one.kind, one.base, one.verdict, one.why, *map(mm, one.sizes)) for one in found]
     head = ("wrong input", "readings, arm", "outcome", "what names it", "before, mm", "stated, mm", "real, mm")
-    return f"{table(('outcome', 'inputs'), lines)}\n\n{table(head, each)}"
+    return f"{table(('what becomes of them', 'goal', 'inputs', 'of'), rows)}\n\n{table(head, each)}"
 
 
 def main() -> None:
@@ -417,8 +418,9 @@ def main() -> None:
             except LookupError:
                 continue  # this campaign has no such file, key or column
             found.append(one)
-            sizes = (mm(size) for size in (one.before, one.stated, one.real))
-            print(f"{one.kind:42s} {one.base:22s} {one.verdict:18s}", one.check, one.why, *sizes, flush=True)
+            print(
+                f"{one.kind:42s} {one.base:22s} {one.verdict:18s}", one.check, one.why, *map(mm, one.sizes), flush=True
+            )
     plain = [clean(k) for k in range(given.clean)]
     for one in plain:
         if one.stop or one.identify or one.refused or one.harmful:
@@ -426,8 +428,9 @@ def main() -> None:
     said = tables(found, plain)
     print(said)
     if given.write:
-        command = f"`python benchmarks/wrong_inputs.py --clean {given.clean}`; {date.today()}; {machine()}."
-        replace_between(PAGE, MARK, f"{command}\n\n{said}")
+        head = f"`python benchmarks/wrong_inputs.py --clean {given.clean}`; {date.today().isoformat()}; {machine()}."
+        record = f"{head}\n\n{shelved(said, 'wrong inputs')}"
+        replace_between(PAGE, "<!-- wrong inputs -->", "<!-- end of wrong inputs -->", record)
 
 
 if __name__ == "__main__":

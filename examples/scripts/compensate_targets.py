@@ -21,5 +21,5 @@ targets = joint_targets(experiment, angles, push)
 done = compensate(experiment, read_fit(folder / "fit.json"), targets)
 for i, name in enumerate(targets.name):
     turn = np.round(np.rad2deg(done.pendant[i] - angles[i]), 4)
-    print(f"{name}: {1e3 * done.size[i]:.2f} mm off uncorrected, {1e3 * done.sd[i]:.3f} mm expected after it")
+    print(f"{name}: {1e3 * done.uncorrected[i]:.2f} mm off uncorrected, {1e3 * done.sd[i]:.3f} mm expected after it")
     print(f"  add to the angles, deg: {turn.tolist()}")

@@ -174,7 +174,7 @@ def write_corrected(path: Path, result: Compensation, experiment: Experiment) ->
     place, turn = flange_pose(result.command)
     joints = experiment.robot.controller.units
     header = ["target", *joints.names(), "x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg"]
-    header += [*WRENCH_NAMES, "uncorrected_mm", "by_load_mm", "by_own_mm", "expected_error_mm"]
+    header += [*WRENCH_NAMES, "uncorrected_mm", "by_load_mm", "without_load_mm", "expected_error_mm"]
     columns = [joints.shown(result.pendant), place * 1e3, np.rad2deg(turn), result.targets.wrench]
     sizes = (result.uncorrected, result.of_load, result.of_own, result.sd)
     numbers = np.column_stack([*columns, *(1e3 * size for size in sizes)]).tolist()

@@ -17,7 +17,7 @@ from qsframework.estimation.linear_fit import Agreed
 from qsframework.estimation.projection import Flags, least_squares
 from qsframework.experiment import Experiment, ObservationModel, ReadingRows, Readings, observation_model
 from qsframework.experiment.observations import make_rows
-from qsframework.hypotheses.catalogue.rows import Finding, finding, lines
+from qsframework.hypotheses.catalogue.rows import WrongRows, lines, wrong_rows
 from qsframework.hypotheses.linearized import agreed, visits_of
 from qsframework.plugin import Array, Effect, Indices
 from qsframework.plugin.build import build_effects
@@ -200,9 +200,9 @@ def _typical(seen: ObservationModel, error: Array, wrong: Flags) -> Array:
     return np.maximum(out, 1e-6 * float(error.max(initial=0.0)))
 
 
-def told_outliers(readings: Readings, keep: Indices, found: Outliers) -> list[Finding]:
+def told_outliers(readings: Readings, keep: Indices, found: Outliers) -> list[WrongRows]:
     """The outliers as findings: blocks that belong together, single rows, and what only a larger model explains."""
-    out: list[Finding] = []
+    out: list[WrongRows] = []
     gross, missed = keep[found.gross], keep[found.missed]
     if found.share > SHARE:
         out.append(_many(readings, keep, found))
@@ -211,20 +211,20 @@ def told_outliers(readings: Readings, keep: Indices, found: Outliers) -> list[Fi
             f"{lines(readings, gross)}: they err as if joint angles were wrong by {np.rad2deg(found.angles):.2g} deg: "
             "look at how the angles were logged before the readings"
         )
-        out.append(finding("angles", readings, gross, words, mask=False))
+        out.append(wrong_rows("angles", readings, gross, words, mask=False))
     for i, size in zip(gross.tolist(), found.size[found.gross].tolist(), strict=True):
         words = f"{lines(readings, np.array([i]))}: {size:.0f} sds off what the other readings say"
-        out.append(finding("gross", readings, np.array([i]), words))
+        out.append(wrong_rows("gross", readings, np.array([i]), words))
     if len(missed):
         words = (
             f"{lines(readings, missed)}: the fitted model misses them by far, geometry, springs and sag would not: the "
             "model is too small here, the readings are kept"
         )
-        out.append(finding("small model", readings, missed, words, mask=False))
+        out.append(wrong_rows("small model", readings, missed, words, mask=False))
     return out
 
 
-def _many(readings: Readings, keep: Indices, found: Outliers) -> Finding:
+def _many(readings: Readings, keep: Indices, found: Outliers) -> WrongRows:
     """More gross rows than a mistake here and there makes: what they have in common."""
     rows = keep[found.gross]
     block = common_block(readings, keep, found.gross)
@@ -233,7 +233,7 @@ def _many(readings: Readings, keep: Indices, found: Outliers) -> Finding:
     if len({readings.pose[i] for i in map(int, rows)}) == 1:
         why = "All are of one pose: look for a slip in its rows"
     words = f"{len(rows)} of {len(keep)} readings ({100 * found.share:.0f} %) do not fit{where}. {why}"
-    return finding("block", readings, rows, words, mask=False)
+    return wrong_rows("block", readings, rows, words, mask=False)
 
 
 def common_block(readings: Readings, keep: Indices, wrong: Flags) -> str:

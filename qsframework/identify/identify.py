@@ -45,8 +45,8 @@ from qsframework.information.selection import NotEstimated, at_found_markers, he
 from qsframework.plugin import Array, Geometry
 from qsframework.screening import (
     SHARE,
-    Finding,
     Mistake,
+    WrongRows,
     adopted,
     doubled,
     find_mistakes,
@@ -163,7 +163,7 @@ def _gross(
     return said, wrong
 
 
-def masked_words(readings: Readings, found: Sequence[Finding | Mistake]) -> tuple[Masked, ...]:
+def masked_words(readings: Readings, found: Sequence[WrongRows | Mistake]) -> tuple[Masked, ...]:
     """Rows that are masked as a fit of the others keeps them: `replace(fit, cleaned=...)`."""
     names = [source.name for source in readings.sources]
     out: list[Masked] = []

@@ -36,12 +36,12 @@ def target_table(result: Compensation) -> ReportTable:
         )
         for i, name in enumerate(result.targets.name)
     )
-    header = ("target", "uncorrected mm", "of it load mm", "own mm", "expected after mm", "expected after mrad")
+    header = ("target", "uncorrected mm", "by load mm", "without load mm", "expected after mm", "expected after mrad")
     return ReportTable(
         (*header, *result.units.labels("dJ")),
         rows,
         "Position error of the load point without the correction; how far the load alone moves it, and how far "
-        f"{own_cause(result)} do; the root mean square of the distance "
+        f"off {own_cause(result)} put it without; the root mean square of the distance "
         "that is to be expected with it, from the covariance of the fit and the stated uncertainties of the load and "
         "of what was held at nominal; and what was added to each joint.",
     )
@@ -53,8 +53,8 @@ def _of_noise(result: Compensation) -> str:
     if not whole > noise:
         return ""
     return (
-        f"The readings' noise makes {100.0 * noise / whole:.0f} % of its mean square, the stated uncertainties of the "
-        "measuring campaign's load and of what was held at nominal the rest, which more readings do not lessen. "
+        f"The readings' noise makes {100.0 * noise / whole:.0f} % of its mean square; the rest, which more readings do "
+        "not lessen, is what the model lacks and the stated uncertainties of the campaign's load and of what was held. "
     )
 
 
@@ -80,8 +80,8 @@ def compensation_section(result: Compensation) -> Section:
     text = (
         "Each target was corrected so that the loaded arm, by the full equilibrium of the identified model, reaches "
         "it. What then remains is the error of the identified parameters, S cov S' with S the derivative of "
-        f"the tip at the corrected angles. It is largest at target {names[worst]}: {result.sd[worst] * 1e3:.4f} mm. "
-        f"{_of_noise(result)}Effects that the model does not hold, and the robot's repeatability, come on top."
+        "the tip at the corrected angles, and what held-out poses are off beyond the noise. It is largest at target "
+        f"{names[worst]}: {result.sd[worst] * 1e3:.4f} mm. {_of_noise(result)}The robot's repeatability comes on top."
     )
     notes = tuple(Text(f"Note: {note}.") for note in result.notes)
     return Section("Corrected targets", (*notes, Figure(figure, caption, target_table(result)), Text(text)))

@@ -1,6 +1,6 @@
 """What is wrong with a table of readings: mistakes, rows that cannot be right, gross errors."""
 
-from qsframework.hypotheses.catalogue.rows import LEVEL, Finding, doubled, masked
+from qsframework.hypotheses.catalogue.rows import LEVEL, WrongRows, doubled, masked
 from qsframework.hypotheses.outliers import SHARE, find_outliers, told_outliers
 from qsframework.screening.check import find_mistakes, find_slips
 from qsframework.screening.mistake import SINGLE, SUSPECTED, Mistake, adopted
@@ -10,8 +10,8 @@ __all__ = [
     "SHARE",
     "SINGLE",
     "SUSPECTED",
-    "Finding",
     "Mistake",
+    "WrongRows",
     "adopted",
     "doubled",
     "find_mistakes",

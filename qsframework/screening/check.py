@@ -18,7 +18,7 @@ from qsframework.errors import InputError, NotConverged, NotIdentifiable
 from qsframework.experiment import Experiment, Readings, make_rows
 from qsframework.hypotheses.catalogue.rigidity import marker_rigidity, tool_misfit
 from qsframework.hypotheses.catalogue.rounded import rounded_angles
-from qsframework.hypotheses.catalogue.rows import LEVEL, Finding, copies, doubled, finding, lines, masked, unread
+from qsframework.hypotheses.catalogue.rows import LEVEL, WrongRows, copies, doubled, lines, masked, unread, wrong_rows
 from qsframework.hypotheses.linearized import Linearized, at_solution, linearized
 from qsframework.hypotheses.outliers import find_outliers, told_outliers
 from qsframework.hypotheses.standing_out import Standing, stand_out
@@ -153,11 +153,11 @@ def _holds(change: Mistake, given: Linearized) -> bool:
         return True
 
 
-def _rigid(experiment: Experiment, readings: Readings, level: float) -> list[Finding]:
+def _rigid(experiment: Experiment, readings: Readings, level: float) -> list[WrongRows]:
     return marker_rigidity(experiment, masked(readings, [one.mask for one in unread(readings)]), level)
 
 
-def _told(one: Finding, experiment: Experiment, readings: Readings, compelling: bool) -> Mistake:
+def _told(one: WrongRows, experiment: Experiment, readings: Readings, compelling: bool) -> Mistake:
     """What was found without comparing two fits."""
     return Mistake(
         one.name,
@@ -172,7 +172,7 @@ def _told(one: Finding, experiment: Experiment, readings: Readings, compelling: 
     )
 
 
-def _gross(experiment: Experiment, readings: Readings, level: float) -> list[Finding]:
+def _gross(experiment: Experiment, readings: Readings, level: float) -> list[WrongRows]:
     """Rows that belong under neither the fitted nor a richer model, and visits whose markers did not move as one body;
     of displacements also by data snooping: the row whose coordinates fit worst is taken out while it is beyond its
     level."""
@@ -191,8 +191,8 @@ def _gross(experiment: Experiment, readings: Readings, level: float) -> list[Fin
     return out if fit is None else out + tool_misfit(fit, level / _TESTED)
 
 
-def _snooped(experiment: Experiment, readings: Readings, found: Sequence[Finding], level: float) -> list[Finding]:
-    out: list[Finding] = []
+def _snooped(experiment: Experiment, readings: Readings, found: Sequence[WrongRows], level: float) -> list[WrongRows]:
+    out: list[WrongRows] = []
     spoken = {r for one in found for r in one.rows}
     for _ in range(min(_MANY, max(1, len(readings) // 5))):
         fit = _fit(experiment, masked(readings, [one.mask for one in (*found, *out)]))
@@ -210,7 +210,7 @@ def _snooped(experiment: Experiment, readings: Readings, found: Sequence[Finding
         at: Indices = np.array([i])
         words = f"{lines(readings, at)}: {size:.3f} mm off what the other readings say (p = {p[worst]:.1g})"
         if int(readings.line[i]) not in spoken:
-            out.append(finding("gross", readings, at, words))
+            out.append(wrong_rows("gross", readings, at, words))
     return out
 
 

@@ -72,5 +72,5 @@ def test_diagnosis_json_holds_these_keys() -> None:
     import inspect
     import re
 
-    written = re.findall(r'^        "(\w+)":', inspect.getsource(diagnosis_json), re.M)
+    written = re.findall(r'^ {12}"(\w+)":', inspect.getsource(diagnosis_json), re.M)
     assert set(formats.keys_of("diagnosis.json")) == {*written, "format"}

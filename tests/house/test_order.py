@@ -96,7 +96,7 @@ SAYING = {
     "experiment/finding.py: Finding",
     "information/identifiable.py: NotEstimated",
     "hypotheses/hypothesis.py: Hypothesis",
-    "hypotheses/catalogue/rows.py: Finding",
+    "hypotheses/catalogue/rows.py: WrongRows",
 }
 """Classes outside report/words that still hold or make sentences: of errors, or of files that keep them. No more."""
 

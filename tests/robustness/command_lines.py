@@ -1,9 +1,9 @@
 """Whole commands: lines made from the parser of `qsf`, with good and spoiled files, run by `main()` in this process.
 
-A case is named by its command and its seed. A run is a fault where it ends in anything but exit code 0 or a refusal
-with 2; where a refusal names neither a file nor an option; where a table or JSON that it wrote holds a number that is
-not finite; where it warns; where it changes a file that it was given to read, or leaves half a file; and where it takes
-more than 10 s of CPU.
+A case is named by its command and its seed. A run is a fault where it ends in anything but exit code 0 (of check 1 too)
+or a refusal with 2; where a refusal names neither a file nor an option; where a table or JSON that it wrote holds a
+number that is not finite; where it warns; where it changes a file that it was given to read, or leaves half a file; and
+where it takes more than 10 s of CPU.
 """
 
 from __future__ import annotations
@@ -468,7 +468,7 @@ class Commands:
     def _fault(self, line: Line, place: Path, before: dict[str, bytes], code: int | str, said: str, error: str) -> str:
         if isinstance(code, str):
             return code
-        if code not in (0, 2):
+        if code not in ((0, 1, 2) if line.words[0] == "check" else (0, 2)):  # of check: something is to be looked at
             return f"exit code {code}\n{error}"
         if code == 2 and not self._names(line, error):
             return f"a refusal that names neither file nor option\n{error}"

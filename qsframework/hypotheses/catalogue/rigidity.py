@@ -17,7 +17,7 @@ from qsframework.estimation import Independent, LinearFit
 from qsframework.estimation.linear_fit import chance
 from qsframework.estimation.tails import chi2_isf, chi2_sf, f_sf
 from qsframework.experiment import Experiment, Readings
-from qsframework.hypotheses.catalogue.rows import LEVEL, Finding, finding, lines
+from qsframework.hypotheses.catalogue.rows import LEVEL, WrongRows, lines, wrong_rows
 from qsframework.hypotheses.linearized import Linearized
 from qsframework.plugin import Array, Indices
 
@@ -234,7 +234,7 @@ def one_wrong(tool: MarkerTool, shape: RigidShape, state: int) -> int | None:
     return able[0] if len(able) == 1 else None
 
 
-def marker_rigidity(experiment: Experiment, readings: Readings, level: float = LEVEL) -> list[Finding]:
+def marker_rigidity(experiment: Experiment, readings: Readings, level: float = LEVEL) -> list[WrongRows]:
     """Markers exchanged everywhere, and states of positions whose marker distances are not those of the rigid tool.
 
     Distances are compared between the states of a series, so that they need no model and no tracker frame. `level` is
@@ -257,9 +257,9 @@ def _moved(order: Indices) -> Indices:
     return np.flatnonzero(order != np.arange(len(order)))
 
 
-def _exchanged_everywhere(experiment: Experiment, readings: Readings) -> list[Finding]:
+def _exchanged_everywhere(experiment: Experiment, readings: Readings) -> list[WrongRows]:
     """Markers whose shape is that of the experiment in another order."""
-    found: list[Finding] = []
+    found: list[WrongRows] = []
     for tool in tools(experiment, readings):
         nominal = np.array([experiment.markers[int(m)].xyz for m in tool.marker])
         shape, _ = judged(tool, LEVEL)
@@ -285,11 +285,11 @@ def _apart(tool: MarkerTool, shape: Array) -> float:
     return float(np.sqrt(misfits(tool, shape)[0] / len(shape)))
 
 
-def _distances(experiment: Experiment, readings: Readings, tool: MarkerTool, level: float) -> list[Finding]:
+def _distances(experiment: Experiment, readings: Readings, tool: MarkerTool, level: float) -> list[WrongRows]:
     """States that do not have the tool's shape: by exchanged markers, by one wrong marker, or by several."""
     shape, bad = judged(tool, level)
     wild = tool.stated and shape.unit > _WILD**2
-    found: list[Finding] = []
+    found: list[WrongRows] = []
     for s in np.flatnonzero(bad).tolist():
         order = None if wild else mended(tool, shape, s)
         if order is not None:
@@ -303,7 +303,7 @@ def _distances(experiment: Experiment, readings: Readings, tool: MarkerTool, lev
         name = "" if k is None else experiment.markers[int(tool.marker[k])].name
         who = f"marker {name} is not where it was on the tool: " if name else ""
         words = f"{lines(readings, rows)}: {who}{_wrong_distances(experiment, tool, shape, s)}"
-        found.append(finding("tool", readings, rows, words))
+        found.append(wrong_rows("tool", readings, rows, words))
     return found
 
 
@@ -319,7 +319,7 @@ def _wrong_distances(experiment: Experiment, tool: MarkerTool, shape: RigidShape
     return f"the distance of {_names(experiment, tool.marker[[a, b]])} is {size} than in the other states"
 
 
-def _exchanged(readings: Readings, tool: MarkerTool, states: slice, order: Indices, words: str) -> Finding:
+def _exchanged(readings: Readings, tool: MarkerTool, states: slice, order: Indices, words: str) -> WrongRows:
     """Markers that stand under one another's names in some states: where `order` (K,) has a marker, k is meant."""
     marker = readings.marker.copy()
     moved = _moved(order)
@@ -327,14 +327,14 @@ def _exchanged(readings: Readings, tool: MarkerTool, states: slice, order: Indic
         rows = tool.rows[states, order[k]]
         marker[rows[rows >= 0]] = tool.marker[k]
     rows = tool.rows[states][:, moved]
-    return replace(finding("swapped_markers", readings, np.sort(rows[rows >= 0]), words), marker=marker)
+    return replace(wrong_rows("swapped_markers", readings, np.sort(rows[rows >= 0]), words), marker=marker)
 
 
-def tool_misfit(fit: Linearized, level: float) -> list[Finding]:
+def tool_misfit(fit: Linearized, level: float) -> list[WrongRows]:
     """Visits whose markers on one link did not move as a rigid body does."""
     found = _tools(fit)
     chi2, free = sum(t.chi2 for _, t in found), sum(t.dof for _, t in found)
-    out: list[Finding] = []
+    out: list[WrongRows] = []
     for own, t in found:
         p = float(chance(t.chi2, t.dof, chi2, free, fit.stated))
         if p * len(found) < level:
@@ -342,16 +342,18 @@ def tool_misfit(fit: Linearized, level: float) -> list[Finding]:
             pose = fit.readings.states.pose[fit.readings.plus[rows[0]]]
             told = ", ".join(str(fit.readings.line[i]) for i in rows)
             words = f"rows {told} (pose {pose}): no rigid motion of the tool moves its markers like this (p = {p:.1g})"
-            out.append(finding("tool", fit.readings, rows, words))
+            out.append(wrong_rows("tool", fit.readings, rows, words))
     return out
 
 
 def _tools(fit: Linearized) -> list[tuple[Indices, LinearFit]]:
-    """Rows of displacements of three or more markers of one link at one visit, and the fit of a rigid motion."""
+    """Rows of displacements on the base's axes of three or more markers of one link at one visit, and the fit of a
+    rigid motion. On the axes of a series nobody knows yet how the markers lie."""
     readings, model, rows = fit.readings, fit.experiment.model(), fit.rows
     place = model.positions(readings.poses.take(rows.plus), linear=True)
     link = np.array([site.link for site in model.markers])
     whole = (rows.minus >= 0) & np.isfinite(rows.measured).all(axis=1) & ~readings.is_gauge[rows.keep]
+    whole &= rows.frame < 0
     out: list[tuple[Indices, LinearFit]] = []
     for m, body in sorted({(int(a), int(link[b])) for a, b in zip(rows.plus[whole], rows.marker[whole], strict=True)}):
         some = np.flatnonzero((rows.plus == m) & (link[rows.marker] == body) & whole)

@@ -1,4 +1,4 @@
-"""Rows that cannot be right: what a finding is, and rows that nobody read or that were copied."""
+"""Rows that cannot be right: what is said of them, and rows that nobody read or that were copied."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _COARSE = 5e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Finding:
+class WrongRows:
     """What is wrong with some readings: rows are lines of the file, mask (R,) True where a row should not be used.
 
     marker (R,): where only names of markers are wrong, those that were meant; file: of the rows, if several
@@ -58,10 +58,10 @@ def as_series(readings: Readings, rows: Flags, name: str) -> Readings:
     return replace(readings, frame=frame, frames=(*readings.frames, name), known=(*readings.known, None))
 
 
-def finding(name: str, readings: Readings, index: Indices, words: str, mask: bool = True) -> Finding:
+def wrong_rows(name: str, readings: Readings, index: Indices, words: str, mask: bool = True) -> WrongRows:
     """What is wrong with the rows at `index` (k,) of the readings; mask False: said only."""
     wrong = among(readings, index) & mask
-    return Finding(name, tuple(int(r) for r in readings.line[index]), words, wrong, file=file_of(readings, index))
+    return WrongRows(name, tuple(int(r) for r in readings.line[index]), words, wrong, file=file_of(readings, index))
 
 
 def file_of(readings: Readings, index: Indices) -> str:
@@ -78,19 +78,19 @@ def lines(readings: Readings, rows: Indices) -> str:
     return f"row{'s' if len(rows) > 1 else ''} {some_of(told, 5)}"
 
 
-def unread(readings: Readings) -> list[Finding]:
+def unread(readings: Readings) -> list[WrongRows]:
     """Values that are zero to the last digit, where the instrument did not read."""
-    found: list[Finding] = []
+    found: list[WrongRows] = []
     rows = np.flatnonzero(readings.use & ~np.any(np.nan_to_num(readings.value), axis=1))
     for position in (False, True):
         part = rows[readings.is_position[rows] == position]
         if len(part):
             words = f"{lines(readings, part)}: the {_what(position)} is exactly zero: nothing was read"
-            found.append(finding("unread", readings, part, words))
+            found.append(wrong_rows("unread", readings, part, words))
     return found
 
 
-def doubled(readings: Readings) -> list[Finding]:
+def doubled(readings: Readings) -> list[WrongRows]:
     """Rows that stand twice: the same values of a marker at the same angles under the same load, to the last digit, in
     a copy of the file, under another name or as a repeat. The first ones stay."""
     coarse, firsts = _coarse(readings), dict[bytes, int]()
@@ -103,12 +103,12 @@ def doubled(readings: Readings) -> list[Finding]:
         if first != i and not (coarse and readings.pose[i] == readings.pose[first]):
             files = int(readings.file[first]), int(readings.file[i])
             twice.setdefault(files, []).append((first, i))
-    found: list[Finding] = []
+    found: list[WrongRows] = []
     for pairs in twice.values():
         first, again = (np.array(own, dtype=np.intp) for own in zip(*pairs, strict=True))
         one = f"{lines(readings, again[:1])} is {lines(readings, first[:1])} to the last digit"
         words = f"{one}: it stands twice" if len(pairs) == 1 else f"{len(pairs)} rows stand twice: {one}, and so on"
-        found.append(finding("doubled_rows", readings, again, words))
+        found.append(wrong_rows("doubled_rows", readings, again, words))
     return found
 
 
@@ -118,7 +118,7 @@ def _coarse(readings: Readings) -> bool:
     return bool(np.allclose(values / _COARSE, np.round(values / _COARSE), atol=1e-6))
 
 
-def copies(readings: Readings) -> list[Finding]:
+def copies(readings: Readings) -> list[WrongRows]:
     """Rows that are copies of others to the last digit, of which the first one stays."""
     values, whole = np.nan_to_num(readings.value), np.isfinite(readings.value).all(axis=1)
     firsts: dict[object, int] = {}
@@ -128,11 +128,11 @@ def copies(readings: Readings) -> list[Finding]:
         first = firsts.setdefault(tuple(keys[i]), i)
         if first != i and not (coarse and pose[i] == pose[first]) and np.all(values[i]):
             same.setdefault(first, []).append(i)
-    found: list[Finding] = []
+    found: list[WrongRows] = []
     for first, more in same.items():
         where = f"the same {_what(bool(readings.is_position[first]))} to the last digit as in row"
         words = f"{lines(readings, np.array(more))}: {where} {readings.line[first]}: a row was copied"
-        found.append(finding("repeated_readings", readings, np.array(more), words))
+        found.append(wrong_rows("repeated_readings", readings, np.array(more), words))
     return found
 
 

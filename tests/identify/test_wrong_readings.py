@@ -23,7 +23,7 @@ from tests.applications.test_compensate import angles, posed
 LOAD = np.array([0.0, 1500.0, -4000.0, 0.0, 0.0, 0.0])
 STOPPED = {
     "validate": ["validate", "experiment.yaml", "fit.json", "readings.csv"],
-    "compensate": ["compensate", "experiment.yaml", "fit.json", "targets.csv"],
+    "compensate": ["compensate", "experiment.yaml", "fit.json", "targets.csv", "-o", "corrected.csv"],
     "kinematics": ["kinematics", "experiment.yaml", "fit.json", "--urdf", "corrected.urdf"],
     "certificate": ["certificate", "experiment.yaml", "fit.json", "readings.csv", "-o", "certificate.html"],
     "show": ["show", "experiment.yaml", "fit.json", "--html", "show.html"],
