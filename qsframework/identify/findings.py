@@ -12,7 +12,7 @@ from qsframework.experiment.finding import Finding
 from qsframework.identify.estimate import EstimateState
 from qsframework.identify.record import SIGNIFICANT, FitRecord
 from qsframework.robot.findings import robot_findings
-from qsframework.screening import SINGLE, find_mistakes
+from qsframework.screening import STAND_OUT, find_mistakes
 
 TOO_SMALL, TOO_LARGE = 1.0 / 3.0, 3.0
 """Times the stated noise: a tracker's own statement of its noise is no further off."""
@@ -29,7 +29,7 @@ def findings_of(fit: FitRecord, experiment: Experiment, readings: Readings) -> t
 
     Rows that the options say are right (`keep_all`) are no finding. Nor are single rows that stand out: noise can.
     """
-    mistakes = [one for one in find_mistakes(experiment, readings) if one.told and one.name != SINGLE]
+    mistakes = [one for one in find_mistakes(experiment, readings) if one.told and one.name not in STAND_OUT]
     table = [one.finding for one in mistakes if not (fit.options.keep_all and one.mask is not None)]
     size = () if any(one.mask is None for one in mistakes) else (*_of_noise(fit), *_of_estimates(fit))
     return (*table, *_of_files(fit, experiment), *size)

@@ -3,12 +3,12 @@
 from qsframework.hypotheses.catalogue.rows import LEVEL, WrongRows, doubled, masked
 from qsframework.hypotheses.outliers import SHARE, find_outliers, told_outliers
 from qsframework.screening.check import find_mistakes, find_slips
-from qsframework.screening.mistake import SINGLE, SUSPECTED, Mistake, adopted
+from qsframework.screening.mistake import STAND_OUT, SUSPECTED, Mistake, adopted
 
 __all__ = [
     "LEVEL",
     "SHARE",
-    "SINGLE",
+    "STAND_OUT",
     "SUSPECTED",
     "Mistake",
     "WrongRows",

@@ -15,8 +15,8 @@ _MENDS = {
     ),
     "load_payload": "Correct the forces, or payload_kg in robot.yaml.",
 }
-SINGLE = "gross"
-"""Name of a row that stands out alone."""
+STAND_OUT = ("gross", "small model", "tool", "repeated_readings")
+"""Names of rows that stand out, as noise with heavy tails makes them, or equal others: said, and no reason to stop."""
 SUSPECTED = tuple(_MENDS)
 """Names of what is told and never applied: no fit can prove it."""
 _ROWS = "Correct the rows, have them left out (clean), or say that they are right (keep-all)."
