@@ -359,10 +359,11 @@ def _block(
     def stand(pendant: Array, values: Array, loaded: bool = True) -> TipPose:
         return _tip(model, poses_at(robot, pendant, wrench), values, loaded, targets, part)
 
-    wanted = targets.wanted.take(part) if reference == "commanded" else stand(start, x, False)
+    unloaded = stand(start, x, False)
+    wanted = targets.wanted.take(part) if reference == "commanded" else unloaded
     length, matrix = arm_length(robot), robot.controller.matrix
     deflection = error = -pose_error(wanted, stand(start, x))
-    bare = -pose_error(wanted, stand(start, x, False))
+    bare = -pose_error(wanted, unloaded)
     pendant = start.copy()
     for _ in range(_STEPS):
         if np.all(np.abs(error[:, :3]) < _CLOSE * length) and np.all(np.abs(error[:, 3:]) < _CLOSE):

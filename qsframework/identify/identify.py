@@ -92,17 +92,14 @@ def identify(
         NotIdentifiable: names the parameters, where the readings identify none of them or are all of one pose.
         NotConverged: with its reason.
     """
-    found = fit_readings(experiment, readings, fit, options)
-    own = experiment if fit is None else experiment.with_(fit=tuple(fit))
-    findings = findings_of(found, own, found.used(readings))
+    experiment = experiment if fit is None else experiment.with_(fit=tuple(fit))
+    found = fit_readings(experiment, readings, options)
+    findings = findings_of(found, experiment, found.used(readings))
     return replace(found, account=replace(found.account, findings=findings))
 
 
-def fit_readings(
-    experiment: Experiment, readings: Readings, fit: Sequence[str] | None = None, options: FitOptions = PLAIN
-) -> Fit:
+def fit_readings(experiment: Experiment, readings: Readings, options: FitOptions) -> Fit:
     """The same without a look at what is wrong with the readings or the files."""
-    experiment = experiment if fit is None else experiment.with_(fit=tuple(fit))
     twice = () if options.keep_all else tuple(doubled(readings))
     readings = masked(readings, [one.mask for one in twice])
     model, rows = experiment.model(), make_rows(readings)

@@ -6,7 +6,7 @@ predicts (`FitRecord.widening`).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -86,30 +86,25 @@ def check_fit(
             wrong.append(own)
         elif own is not None:
             wrong += _explains(fit, experiment, own)
-    if wrong and not anyway:
-        problems = [Problem(f"the fit is not to be trusted: {why}", fit.path or None) for why in wrong]
-        if anyway is not None:
-            hint = "Identify again, or diagnose its readings; it is used all the same only where that is asked for."
-            problems[-1] = replace(problems[-1], hint=hint, argument=("anyway", ""))
-        raise InputError([*_found(fit, anyway), *problems])
-    return (*check_findings(fit, anyway=anyway), *(f"the fit is used although {why}" for why in wrong), *notes)
+    problems = [Problem(f"the fit is not to be trusted: {why}", fit.path or None) for why in wrong]
+    if wrong and anyway is not None:
+        hint = "Identify again, or diagnose its readings; it is used all the same only where that is asked for."
+        problems[-1] = replace(problems[-1], hint=hint, argument=("anyway", ""))
+    doubts = check_findings(fit, anyway=anyway, beside=problems)
+    return (*doubts, *(f"the fit is used although {why}" for why in wrong), *notes)
 
 
-def check_findings(fit: FitRecord, *, anyway: bool | None = False) -> tuple[str, ...]:
+def check_findings(fit: FitRecord, *, anyway: bool | None = False, beside: Sequence[Problem] = ()) -> tuple[str, ...]:
     """What was found wrong in a fit's readings and files, as notes.
 
-    Raises InputError with every finding and what to do, unless `anyway`; None: there is no such way.
+    Raises InputError with every finding and what to do, and the problems `beside` them, unless `anyway`; None: there is
+    no such way.
     """
     if not anyway:
-        refuse(_found(fit, anyway))
+        option = None if anyway is None else ("anyway", "")
+        lines = ((f"{f.title}: {f.words}", f.mend) for f in fit.account.findings)
+        refuse([*(Problem(words, fit.path or None, hint=mend, argument=option) for words, mend in lines), *beside])
     return tuple(f"the fit is used although {f.title}: {f.words}" for f in fit.account.findings)
-
-
-def _found(fit: FitRecord, anyway: bool | None) -> list[Problem]:
-    """The findings of a fit as problems, each with what to do."""
-    option = None if anyway is None else ("anyway", "")
-    lines = ((f"{f.title}: {f.words}", f.mend) for f in fit.account.findings)
-    return [Problem(words, fit.path or None, hint=mend, argument=option) for words, mend in lines]
 
 
 def _contradictions(fit: FitRecord, robot: Robot, experiment: Experiment | None) -> Iterator[str]:
@@ -210,7 +205,8 @@ def _explains(fit: FitRecord, experiment: Experiment, readings: Readings) -> Ite
     """Where the fit is not the one that its readings give when it is made again."""
     options = replace(fit.options, keep_all=True, profile=())
     try:
-        again = fit_readings(experiment, readings, fit.model_names(experiment), options)
+        campaign = experiment.with_(fit=fit.model_names(experiment))
+        again = fit_readings(campaign, readings, options)
     except (InputError, NotConverged, NotIdentifiable) as error:
         yield f"its readings cannot be fitted so: {error}"
         return
@@ -245,7 +241,7 @@ def _explains(fit: FitRecord, experiment: Experiment, readings: Readings) -> Ite
             yield f"its {what} is not the one that its readings give"
             break
     if {(f.name, f.rows) for f in fit.account.findings} != {
-        (f.name, f.rows) for f in findings_of(fit, experiment.with_(fit=fit.model_names(experiment)), readings)
+        (f.name, f.rows) for f in findings_of(fit, campaign, readings)
     }:
         yield "what was found wrong in its readings and files is not what is found there now"
     if not fit.masked and not _alike(fit.held_out_error, again.held_out_error):

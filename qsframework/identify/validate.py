@@ -186,9 +186,8 @@ def _half(
     poses, use = np.unique(rows.pose), np.zeros(len(rows.readings), dtype=bool)
     use[rows.keep[np.isin(rows.pose, rng.permutation(poses)[: len(poses) // 2])]] = True
     try:
-        own = fit_readings(
-            experiment, rows.readings.masked(~use), fit.model_names(experiment), FitOptions(linear=fit.linear)
-        )
+        campaign = experiment.with_(fit=fit.model_names(experiment))
+        own = fit_readings(campaign, rows.readings.masked(~use), FitOptions(linear=fit.linear))
     except (NotIdentifiable, NotConverged) as error:
         if tries == 1:
             raise type(error)(f"a random half cannot be fitted: {error}") from error
