@@ -35,8 +35,8 @@ from qsframework.design.problem import make_problem
 from qsframework.errors import QsfError
 from qsframework.estimation import scales
 from qsframework.experiment import Experiment, Plan, Readings, load_experiment, observation_model, read_readings
+from qsframework.experiment.noise import NoiseModel
 from qsframework.experiment.observations import start_values
-from qsframework.experiment.setup import StatedNoise
 from qsframework.experiment.simulate import planned_readings
 from qsframework.experiment.stations import station_frame
 from qsframework.identify import identify
@@ -147,7 +147,7 @@ def on_real_poses(draws: int, candidates: int) -> list[dict[str, float]]:
     experiment = load_experiment(ROOT / "examples" / "ur10" / "experiment.yaml")
     experiment = experiment.with_(fit=("marker_offset", "joint_offset", "joint_placement", "gravity_sag"))
     readings = read_readings(ROOT / "examples" / "ur10" / "series_d.csv", experiment)
-    planned = experiment.with_(noise=StatedNoise(3e-4))
+    planned = experiment.with_(noise=NoiseModel(3e-4))
     q, _ = ur10_readings("D")
     out: list[dict[str, float]] = []
     for draw in range(draws):

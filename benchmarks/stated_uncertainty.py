@@ -23,12 +23,13 @@ from independent import Built, Campaign, Setting, built, forces, noisy, random_p
 from independent_arm import HEAVY, Array, Hidden, Visits, positions, still_visits, turn
 
 from qsframework.applications import compensate
-from qsframework.applications.certificate import COVERAGE, MetaSpec, certify
+from qsframework.applications.certificate import MetaSpec, certify
 from qsframework.applications.inverse import arm_length, rigid_jacobian
 from qsframework.applications.targets import joint_targets
 from qsframework.experiment import Experiment, load_experiment, read_readings
 from qsframework.identify import identify
 from qsframework.identify.fit import Fit
+from qsframework.identify.record import COVERAGE
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "certificate.md"
 START, STOP = "<!-- table of benchmarks/stated_uncertainty.py -->", "<!-- end of the table of stated uncertainties -->"

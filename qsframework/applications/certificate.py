@@ -19,12 +19,11 @@ from qsframework.experiment import Experiment, Frame, Readings, make_rows
 from qsframework.experiment.observations import ReadingRows, values_before
 from qsframework.files import FileModel, Unit, read_yaml, validate as checked
 from qsframework.identify import FitRecord, validate, validate_halves
+from qsframework.identify.record import COVERAGE
 from qsframework.identify.soundness import check_fit, own_readings
 from qsframework.identify.validate import Validation, fitted_frames
 from qsframework.plugin import Array
 
-COVERAGE = 2.0
-"""k: expanded uncertainties are so many standard ones."""
 HALVES = 10
 _COMPLIANCES = ("rad/(N m)", "m/N")
 
@@ -248,7 +247,7 @@ def _quantities(experiment: Experiment, fit: FitRecord) -> tuple[Quantity, ...]:
         if e.name not in units:
             continue
         unit = units[e.name]
-        expanded = COVERAGE * sd if np.isfinite(e.sd) else float("nan")
+        expanded = fit.coverage * sd if np.isfinite(e.sd) else float("nan")
         told = unit in _COMPLIANCES and e.value > expanded > 0.0
         stiffness = (1.0 / e.value, expanded / e.value**2) if told else None
         out.append(Quantity(e.name, unit, e.value, expanded, e.state.value, stiffness))

@@ -17,7 +17,7 @@ from qsframework.design import DesignOptions, design
 from qsframework.elastostatics import Model, cartesian_compliance, equilibrium, make_model, range_notes
 from qsframework.errors import InputError, NotCertified, NotConverged, NotIdentifiable
 from qsframework.estimation import scales
-from qsframework.experiment import Constraints, Experiment, LoadCase, Marker, Plan, StatedNoise
+from qsframework.experiment import Constraints, Experiment, LoadCase, Marker, NoiseModel, Plan
 from qsframework.information import information_rows, predicted_sd
 from qsframework.option import Seed
 from qsframework.plugin import Array, Parameter, Poses
@@ -215,7 +215,7 @@ def campaign_of(robot: Robot, task: Task, tool: ReachTool) -> Experiment:
         robot=robot,
         load_point=frozen(load_point),
         markers=markers,
-        noise=StatedNoise(task.campaign.sigma),
+        noise=NoiseModel(task.campaign.sigma),
         loads=loads,
         effects=(),
         parameters=(),

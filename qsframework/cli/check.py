@@ -132,14 +132,18 @@ def experiment_lines(experiment: Experiment, readings: Readings) -> list[Line]:
     from qsframework.screening import STAND_OUT, find_mistakes
 
     lines: list[Line] = [(c.good, c.kind, c.words) for c in check_states(experiment, readings)]
+    lines += [(None, "reads", said) for said in readings.about_reads]
     told = [c for c in find_mistakes(experiment, readings) if c.told]
     lines += [(None if c.name in STAND_OUT else False, c.title, c.words) for c in told]
     try:
-        findings = identify(experiment, readings).account.findings
+        fit = identify(experiment, readings)
     except QsfError as error:
         return [*lines, (False, "fit", str(error))]
     named = {c.name for c in told}
-    return lines + [(False, f.title, f.words) for f in findings if f.name not in named and f.place != "robot"]
+    lines += [(None, "noise", said) for said in fit.about_noise]
+    return lines + [
+        (False, f.title, f.words) for f in fit.account.findings if f.name not in named and f.place != "robot"
+    ]
 
 
 _MARK = {True: " ", False: "!", None: "?"}

@@ -21,7 +21,7 @@ from qsframework.experiment.simulate import prior_draws
 from qsframework.experiment.stations import Station
 from qsframework.information import Allowed, CandidateRows, MadeRows, as_rows, loss_words
 from qsframework.information.identifiable import NotEstimated, choose, in_order, kinds_of, limits_of
-from qsframework.information.rows import gathered_information, root
+from qsframework.information.rows import root
 from qsframework.information.sensitivities import plan_columns, readings_columns, sd_of_taken
 from qsframework.plugin import Array, Indices, Poses, Sensor
 from qsframework.work import HERE, Work, run
@@ -343,8 +343,6 @@ def _rows(problem: DesignProblem, progress: Progress | None, work: Work) -> Cand
     if plain and not kept:
         return MadeRows(lambda index: problem.made(index, problem.linear), shape)
     out = np.empty(shape if kept else (0, 0, 0, 0))
-    if not plain:
-        weights = np.zeros((len(problem.stations), count, len(problem.experiment.markers)))
     step = _CHUNK if plain else _FEW
     starts = range(0, count, step)
     parts = (np.arange(start, min(start + step, count)) for start in starts)
@@ -354,6 +352,7 @@ def _rows(problem: DesignProblem, progress: Progress | None, work: Work) -> Cand
         if kept:
             out[part] = rows
         if not plain:
+            weights = weights if weights.size else np.zeros((len(problem.stations), count, *weight.shape[2:]))
             weights[:, part] = weight
         if progress is not None:
             progress(start + len(rows), count)
@@ -410,10 +409,6 @@ def tip_rows(
 
 def taken_information(experiment: Experiment, taken: Plan | Readings, names: Sequence[str], samples: Array) -> Array:
     """Information (S, p, p) of readings already taken, or of the poses of a plan."""
-    if isinstance(taken, Plan) and not (taken.of_positions.any() or taken.station):
-        rows = sample_rows(experiment, taken.poses, names, samples)
-        weights = np.array(taken.repeats, dtype=float)
-        return gathered_information(as_rows(rows), np.arange(len(rows)), weights)
     if isinstance(taken, Plan):
         each = [plan_columns(experiment, taken, names, x) for x in samples]
     else:

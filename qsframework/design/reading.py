@@ -16,6 +16,7 @@ from qsframework.elastostatics.so3 import cross_matrix
 from qsframework.errors import InputError, NotConverged
 from qsframework.estimation import scales
 from qsframework.experiment import Experiment, LoadCase
+from qsframework.experiment.noise import gauge_sigma, require_position_noise
 from qsframework.experiment.stations import Station
 from qsframework.information import CandidateRows, information_rows
 from qsframework.plugin import Array, Indices, Poses
@@ -49,8 +50,11 @@ class CandidateReading:
 
     @property
     def plain(self) -> bool:
-        """Whether all that is read is displacements by a tracker that sees every marker, all with one sd."""
+        """Whether all that is read is displacements by a tracker that sees every marker, all with one sd and errors of
+        their own."""
+        noise = self.experiment.noise
         apart = any(load.of_positions or load.gauge is not None for load in self.loads)
+        apart |= bool(noise.repeatability or noise.nest or noise.of_beam("displacement"))
         return not apart and all(station.xyz is None for station in self.stations)
 
     def rows(self, poses: Poses, load: Indices, station: Indices, linear: bool = False) -> Array:
@@ -58,7 +62,7 @@ class CandidateReading:
         if self.plain:
             return sample_rows(self.experiment, poses, self.names, self.samples, linear)
         bare, places = self.bare(poses, load, linear)
-        return self.whitened(bare, self.weights(poses, places, load, station), station)
+        return self.whitened(bare, self.weights(poses, places, load, station), load, station)
 
     def bare(self, poses: Poses, load: Indices, linear: bool = False) -> tuple[Array, Array]:
         """Scaled rows (m, S, 3 K, p + 6), m, as if every marker were seen, and where the markers are (m, K, 3)."""
@@ -70,6 +74,7 @@ class CandidateReading:
                 out[own], places[own] = self._positions(poses.take(own), linear)
             elif len(own):
                 moved = sample_rows(self.experiment, poses.take(own), self.names, self.samples, linear, 1.0)
+                places[own] = self.experiment.rigid_places(poses.q[own])
                 out[own, :, :, :p] = moved if case.gauge is None else self._gauged(case, moved)
         return out, places
 
@@ -97,26 +102,37 @@ class CandidateReading:
         return out
 
     def weights(self, poses: Poses, places: Array, load: Indices, station: Indices) -> Array:
-        """1 / sd (m, K) of a coordinate of each marker, zero where it is not seen."""
-        noise = self.experiment.noise
-        out = np.zeros(places.shape[:2])
+        """Roots C^-1/2 (m, K, 3, 3) of the covariances of each marker, zero where it is not seen; where all coordinates
+        err alike in every reading, 1 / sd (m, K)."""
+        noise, nest = self.experiment.noise, self.experiment.noise.nest**2 * np.eye(3)
+        out = np.zeros((*places.shape[:2], 3, 3))
         for s, stand in enumerate(self.stations):
             own = np.flatnonzero(station == s)
-            if not len(own):
-                continue
             seen = stand.sees(self.experiment, poses.q[own]).astype(float)
+            there = places[own] if stand.xyz is None else places[own] - stand.xyz
             for g, case in enumerate(self.loads):
                 rows = load[own] == g
-                sigma = stand.sigma(self.experiment, places[own[rows]]) if case.of_positions else noise.sigma or np.nan
                 if case.gauge is not None:
-                    seen[rows], sigma = 1.0, noise.gauge or sigma
-                out[own[rows]] = seen[rows] / sigma
-        return out
+                    out[own[rows]] = np.eye(3) / (gauge_sigma(self.experiment) or np.nan)
+                    continue
+                kind = "position" if case.of_positions else "displacement"
+                covariance = noise.covariances(kind, there[rows].reshape(-1, 3))
+                assert covariance is not None  # or there is no plan: `require_noise`
+                root = _inverse_root(covariance + nest).reshape(-1, len(places[0]), 3, 3)
+                out[own[rows]] = seen[rows, :, None, None] * root
+        axial = noise.of_beam("position") or noise.of_beam("displacement")
+        return out if axial else out[:, :, 0, 0]
 
-    def whitened(self, bare: Array, weights: Array, station: Indices) -> Array:
+    def whitened(self, bare: Array, weights: Array, load: Indices, station: Indices) -> Array:
         """Rows (m, S, 3 K, P) of those of `bare`, with the motions of a frame at its place among all of them."""
-        p = len(self.names)
-        white = bare * np.repeat(weights, 3, axis=1)[:, None, :, None]
+        p, K = len(self.names), weights.shape[1]
+        root = weights if weights.ndim == 4 else weights[:, :, None, None] * np.eye(3)
+        each = bare.reshape(*bare.shape[:2], K, 3, bare.shape[3])
+        white = each * weights[:, None, :, None, None] if weights.ndim == 2 else root[:, None] @ each
+        if self.experiment.noise.repeatability:
+            visit = np.array([self.experiment.noise.repeatability * (case.gauge is None) for case in self.loads])[load]
+            white = _less_shared(white, visit[:, None, None, None] * root)
+        white = white.reshape(bare.shape)
         if self.slots == (0,):
             return white
         out = np.zeros((*bare.shape[:3], self.width))
@@ -129,17 +145,36 @@ class CandidateReading:
 
     def require_noise(self) -> None:
         """InputError where nobody states the sd of what is to be read."""
-        noise, path = self.experiment.noise, self.experiment.path
-        if any(not load.of_positions for load in self.loads) and noise.sigma is None:
-            raise InputError(f"{path}: a design needs the noise, for example noise: {{sigma_mm: 0.03}}")
-        if any(load.of_positions for load in self.loads):
-            if noise.of_position is None:
-                raise InputError(f"{path}: a design needs the noise, for example noise: {{position_sigma_mm: 0.03}}")
-            if noise.per_distance and any(station.xyz is None for station in self.stations):
-                hint = "stations: {front: {xyz_mm: [2500, 0, 800]}}"
+        noise, path, stations = self.experiment.noise, self.experiment.path, self.stations
+        if any(load.gauge is not None for load in self.loads):
+            gauge_sigma(self.experiment)
+        if any(not load.of_positions and load.gauge is None for load in self.loads):
+            if noise.of("displacement") is None and not noise.of_beam("displacement"):
                 raise InputError(
-                    f"{path}: the noise grows with the distance to the tracker, so say where it stands, about: {hint}"
+                    f"{path}: a design needs the noise, for example noise: {{sigma_mm: 0.03}}; of displacements beside "
+                    "other readings displacement_sigma_mm"
                 )
+            if noise.of_beam("displacement"):
+                require_position_noise(self.experiment, stations)
+        if any(load.of_positions for load in self.loads):
+            require_position_noise(self.experiment, stations)
+
+
+def _inverse_root(covariance: Array) -> Array:
+    """C^-1/2 (n, 3, 3) of covariances."""
+    values, vectors = np.linalg.eigh(covariance)
+    return (vectors / np.sqrt(values)[:, None, :]) @ vectors.transpose(0, 2, 1)
+
+
+def _less_shared(white: Array, shared: Array) -> Array:
+    """Rows (m, S, K, 3, P), whitened by the markers' own errors, whitened also by the error that all markers of a visit
+    share, which is `shared` U (m, K, 3, 3) of those: (I + U U')^-1/2 = I - U V f V' U', U'U = V g V',
+    f = (1 - (1 + g)^-1/2) / g."""
+    g, V = np.linalg.eigh(np.einsum("nkji,nkjl->nil", shared, shared))
+    f = np.where(g > 1e-12, (1.0 - 1.0 / np.sqrt(1.0 + g)) / np.maximum(g, 1e-12), 0.5)
+    turned = shared @ V[:, None]
+    inside = np.einsum("nkji,nskjp->nsip", turned, white) * f[:, None, :, None]
+    return white - np.einsum("nkji,nsip->nskjp", turned, inside)
 
 
 def sample_rows(
@@ -167,7 +202,7 @@ def sample_rows(
 class StationRows(CandidateRows):
     """Rows of the same poses from several stations, one station after the other.
 
-    source: `CandidateReading.bare` of the L N candidates of one station; weights (C, L N, K): of each station in use
+    source: `CandidateReading.bare` of the L N candidates of one station; weights (C, L N, K, ...): of each station
     """
 
     reading: CandidateReading
@@ -183,5 +218,5 @@ class StationRows(CandidateRows):
     def take(self, index: Indices) -> Array:
         index = np.asarray(index)
         stand, own = index // len(self.source), index % len(self.source)
-        weights = self.weights[stand, own]
-        return self.reading.whitened(self.source.take(own), weights, np.array(self.used)[stand])
+        weights, load = self.weights[stand, own], own * len(self.reading.loads) // len(self.source)
+        return self.reading.whitened(self.source.take(own), weights, load, np.array(self.used)[stand])

@@ -12,8 +12,9 @@ import numpy as np
 
 from qsframework import units
 from qsframework.diagnose.result import Diagnosis
-from qsframework.experiment import StatedNoise
+from qsframework.experiment import NoiseModel
 from qsframework.experiment.columns import number, quoted, table_lines, unquoted
+from qsframework.experiment.noise import Source
 from qsframework.experiment.readings import UNSTATED
 
 _SAME = 1e-9
@@ -25,7 +26,8 @@ class Audited:
 
     sigma: sd m of one coordinate of a reading, None where the experiment's own stands; of_position: whether it is of
     one position, in a file of states; masked: lines of the readings' file that the audit took out; factor: true over
-    stated sigma of its rows; file: of each masked line, its place among several files, empty where there is one
+    stated sigma of its rows; file: of each masked line, its place among several files, empty where there is one;
+    source: where the size of the noise is from
     """
 
     sigma: float | None = None
@@ -33,6 +35,7 @@ class Audited:
     masked: tuple[int, ...] = ()
     factor: float = 1.0
     file: tuple[int, ...] = ()
+    source: Source = "estimated"
 
     def of(self, file: int) -> Audited:
         """What concerns one of several files."""
@@ -59,15 +62,17 @@ def audited_of(diagnosis: Diagnosis) -> Audited:
     own = np.sqrt(max(noise**2 - audit.shared**2, 0.0))
     factor = float(own / np.sqrt(np.mean(given**2)))
     factor = factor if np.isfinite(factor) else 1.0
-    return Audited(float(noise / np.sqrt(2.0)) if states else noise, states, masked, factor, file)
+    source = "repeats" if audit.unit_source == "replicates" else "estimated"
+    return Audited(float(noise / np.sqrt(2.0)) if states else noise, states, masked, factor, file, source)
 
 
-def noise_entry(stated: StatedNoise, audited: Audited) -> dict[str, float]:
-    """`noise:` of an experiment as the audit found it; where each kind has its own, all of them by one factor."""
-    if not stated.apart or audited.sigma is None:
-        return {"sigma_mm": 1e3 * (audited.sigma or 0.0)}
-    kinds = {"position": stated.position, "displacement": stated.displacement, "gauge": stated.gauge}
-    return {f"{k}_sigma_mm": 1e3 * audited.factor * v for k, v in kinds.items() if v is not None}
+def noise_entry(stated: NoiseModel, audited: Audited) -> dict[str, float | str]:
+    """`noise:` of an experiment as the audit found it, with its source; where each kind has its own, all of them by one
+    factor."""
+    found = stated.scaled(audited.factor, audited.source)
+    if not stated.apart:
+        found = replace(found, sigma=audited.sigma)
+    return found.entry()
 
 
 def audited_readings(path: Path, audited: Audited) -> str | None:

@@ -9,13 +9,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from qsframework.diagnose.residuals.audited_rows import in_noise, repeats, replicates, split_told, visit_noise
+from qsframework.diagnose.residuals.audited_rows import (
+    in_noise,
+    library_basis,
+    repeats,
+    replicates,
+    split_told,
+    visit_noise,
+)
 from qsframework.diagnose.residuals.noise_components import NoiseAudit, audit_noise
 from qsframework.errors import NotConverged
 from qsframework.estimation import orthonormal, rounding
-from qsframework.estimation.linear_fit import winsorised
+from qsframework.estimation.axis_noise import LEVEL, AxisNoise
+from qsframework.estimation.linear_fit import LinearFit, winsorised
 from qsframework.estimation.visit_noise import Reml, reml
 from qsframework.experiment import Experiment, Readings, make_rows, observation_model
+from qsframework.experiment.noise_by_axis import noise_by_axis, of_axes
 from qsframework.experiment.observations import REACH, ReadingRows, start_values
 from qsframework.hypotheses.catalogue.causes import Cause, Untested, find_causes
 from qsframework.hypotheses.columns import Case, make_case
@@ -43,7 +52,7 @@ class Baseline:
 
     given, whole: rows and case as they came; good: places of the rows in them that are left; fits: of the columns that
     the noise was found beside, in every noise that may be; nu: degrees of freedom of the noise's unit; far: whether a
-    cause is far from linear
+    cause is far from linear; axes: how the noise differs by the axes of the instrument, None: it does not
     """
 
     experiment: Experiment
@@ -59,6 +68,7 @@ class Baseline:
     given: ReadingRows
     whole: Case
     far: bool = False
+    axes: AxisNoise | None = None
 
     @property
     def start(self) -> ReadingRows:
@@ -120,6 +130,18 @@ def start_of(experiment: Experiment, readings: Readings) -> StartingFit:
 
 
 def baseline_of(start: StartingFit) -> Baseline:
+    """All causes beside the exact fit, and the noise that it leaves; where that differs by direction beside all
+    causes, in one that does."""
+    base = _baseline_of(start)
+    library = LinearFit.onto(library_basis(base.case), base.case.residuals, base.rows.mask)
+    axes = noise_by_axis(base.rows, library)
+    if axes is None or axes.p_value >= LEVEL:
+        return base
+    readings = of_axes(base.rows, axes)
+    return replace(_baseline_of(start_of(start.experiment, readings)), axes=axes)
+
+
+def _baseline_of(start: StartingFit) -> Baseline:
     """All causes beside the exact fit, and the noise that it leaves."""
     experiment, rows, fit = start.experiment, start.rows, start.fit
     causes, untested = find_causes(experiment, fit.names, rows)
@@ -197,4 +219,5 @@ def audit_of(base: Baseline, fit: SettledFit) -> NoiseAudit:
         unit=float(ratio.mean()),
         shared=rows.shared,
         outliers=np.setdiff1d(np.arange(len(base.given.keep)), base.good),
+        axes=base.axes,
     )

@@ -21,7 +21,7 @@ from qsframework.diagnose.named_causes import (
 )
 from qsframework.diagnose.options import LEVEL, Level
 from qsframework.diagnose.remaining import Beside, Remaining, with_alternatives
-from qsframework.diagnose.residuals.audited_rows import lone_visits, misfit
+from qsframework.diagnose.residuals.audited_rows import misfit
 from qsframework.diagnose.residuals.noise_components import NoiseAudit
 from qsframework.diagnose.result import Diagnosis, Errors, Method, NamedCause, Value, left_open
 from qsframework.diagnose.verdict import ambiguous, verdict_of
@@ -142,7 +142,7 @@ def _told(
         known=known.causes,
         settled=known.fit,
         competition=remaining.race if not found.answers and remaining.race else known.race,
-        method=Method(held, base.far, base.unidentifiable, one_pose, lone_visits(base.rows)),
+        method=Method(held, base.far, base.unidentifiable, one_pose, base.rows.lone_visits),
         level=options.level,
         seed=options.seed,
     )

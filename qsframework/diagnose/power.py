@@ -21,9 +21,9 @@ from qsframework.diagnose.options import LEVEL, LIBRARY_SHARE
 from qsframework.diagnose.unknown import unknown_outlook
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
-from qsframework.estimation import rank_test
+from qsframework.estimation import Noise, rank_test
 from qsframework.estimation.tails import chi2_isf
-from qsframework.experiment import Experiment, Plan
+from qsframework.experiment import Experiment, NoiseModel, Plan
 from qsframework.hypotheses.catalogue.causes import REACH, Cause, find_causes, widened
 from qsframework.hypotheses.columns import Case, Subspace, plan_case
 from qsframework.hypotheses.search.family_test import FamilyBlock, chance
@@ -104,8 +104,9 @@ def forecast(
     tell: Progress = progress or (lambda step, done, total: None)
     poses = plan.repeated() if isinstance(plan, Plan) else plan
     stands = isinstance(plan, Plan) and bool(plan.of_positions.any() or plan.station)
-    noise = sigma or (experiment.noise.of_position if stands else experiment.noise.sigma)
-    if noise is None:
+    noise = experiment.noise if sigma is None else NoiseModel(sigma)
+    experiment = experiment.with_(noise=noise)
+    if not noise.known:
         raise InputError(f"{experiment.path}: a forecast needs the noise, for example noise: {{sigma_mm: 0.03}}")
     fitted = experiment.fit_names()
     if isinstance(plan, Plan) and stands:  # what a frame that nobody knows leaves to the geometry is held
@@ -113,7 +114,7 @@ def forecast(
         fitted = tuple(name for name, sd in zip(fitted, sds, strict=True) if np.isfinite(sd))
     tell("causes", 0, 2)
     causes, untested = find_causes(experiment, fitted, poses)
-    case = plan_case(experiment, plan if stands else poses, fitted, causes, noise)
+    case = plan_case(experiment, plan, fitted, causes)
     rank = rank_test(case.A, [*(p.name for f in case.frames for p in f.parameters()), *fitted])
     if not rank.full:
         raise NotIdentifiable(
@@ -124,7 +125,8 @@ def forecast(
     angles = angle_matrix(subspaces)
     test = _make_test(subspaces, len(case.A), level, power, seed)
     tell("causes", 2, 2)
-    bench = Bench(experiment, poses, noise) if exact and not stands else None
+    whole = len(case.A) == 3 * len(poses) * len(experiment.markers)  # every marker is read, and no gauge
+    bench = Bench(experiment, poses, case.noise) if exact and not stands and whole else None
     prospects: list[Prospect] = []
     tell("sizes", 0, len(causes))
     for found in run(_sizes, (case, test, share, bench), range(len(causes)), work):
@@ -140,7 +142,7 @@ def forecast(
         curves=_curves(test),
         case=case,
         poses=len(poses),
-        sigma=noise,
+        sigma=noise.of("position" if stands else "displacement") or noise.range or noise.gauge or np.nan,
         level=level,
         power=power,
         share=share,
@@ -342,15 +344,15 @@ def _curves(test: _Test) -> tuple[PowerCurve, ...]:
 class Bench:
     """Readings of poses by the exact laws, with one effect at a time."""
 
-    def __init__(self, experiment: Experiment, poses: Poses, sigma: float):
-        self.model, self.poses, self.sigma = experiment.model(), poses, sigma
+    def __init__(self, experiment: Experiment, poses: Poses, noise: Noise):
+        self.model, self.poses, self.noise = experiment.model(), poses, noise
         self.bare = self._readings(self.model, self.model.nominal)
         self._cause: Any = None
         self._wide = self.model
 
     def _readings(self, model: Model, x: Array) -> Array | None:
         try:
-            return model.predict(self.poses, x).ravel() / self.sigma
+            return self.noise.whiten(model.predict(self.poses, x).ravel())
         except (NotConverged, InputError):
             return None
 

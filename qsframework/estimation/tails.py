@@ -1,4 +1,4 @@
-"""Tail probabilities of chi-square, F and the normal distribution.
+"""Tail probabilities of chi-square, F, Student's t and the normal distribution.
 
 `scipy.special` has them as plain functions; the distributions of `scipy.stats`, which give the same numbers, take a
 quarter of a second to load, on every command.
@@ -36,6 +36,11 @@ def f_sf(x: Any, dof: Any, other: Any) -> Any:
 def f_isf(p: Any, dof: Any, other: Any) -> Any:
     """The x that an F of `dof` and `other` exceeds with probability p."""
     return _special().fdtri(dof, other, 1.0 - p)
+
+
+def t_isf(p: Any, dof: Any) -> Any:
+    """The x that Student's t of `dof` exceeds with probability p."""
+    return -_special().stdtrit(dof, p)
 
 
 def normal_sf(x: Any) -> Any:

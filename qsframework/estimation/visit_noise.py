@@ -111,22 +111,30 @@ class SharedError:
     """The error that the markers of a pose share: its sd in m, and the noise with it.
 
     unit: factor on the readings' own sigma, 1 where that is stated; p_value: probability that readings
-    without a shared error look like this
+    without a shared error look like this; p_known: that readings with one of a known sd do
     """
 
     sd: float
     unit: float
     p_value: float
+    p_known: float
     noise: Noise
 
 
 def shared_error(
-    residuals: Array, jacobian: Array, sigma: Array, label: Indices, stated: bool = True, others: Sequence[Group] = ()
+    residuals: Array,
+    jacobian: Array,
+    sigma: Array,
+    label: Indices,
+    stated: bool = True,
+    others: Sequence[Group] = (),
+    known: float = 0.0,
 ) -> SharedError:
     """The sd of the error that readings of one label share, by restricted maximum likelihood (REML).
 
     residuals (m,) and jacobian (m, p) of a fit that has settled, not whitened; sigma (m,) the readings' own sd, up to
-    a factor unless `stated`; others: errors that they share besides, known as sigma is. The test is the likelihood
+    a factor unless `stated`; others: errors that they share besides, known as sigma is; known: sd that is
+    stated for it. The test is the likelihood
     ratio on its boundary, where half of the cases without a shared error give an estimate of zero.
     """
     from scipy.optimize import minimize_scalar
@@ -154,6 +162,6 @@ def shared_error(
     if gain <= 0.0:
         ratio, gain = 0.0, 0.0
     unit = float(np.sqrt(deviance(ratio)[1]))
-    return SharedError(
-        ratio * typical * unit, unit, 1.0 if gain == 0.0 else 0.5 * float(chi2_sf(gain, 1)), noise(ratio)
-    )
+    p_value = 1.0 if gain == 0.0 else 0.5 * float(chi2_sf(gain, 1))
+    beyond = max(deviance(known / typical)[0] - deviance(ratio)[0], 0.0)
+    return SharedError(ratio * typical * unit, unit, p_value, float(chi2_sf(beyond, 1)), noise(ratio))

@@ -3,6 +3,7 @@ from .constraints import Constraints as Constraints, Sight as Sight
 from .differences import differences as differences
 from .examples import example as example
 from .frames import Frame as Frame
+from .noise import NoiseModel as NoiseModel
 from .observations import (
     ObservationModel as ObservationModel,
     ReadingRows as ReadingRows,
@@ -25,7 +26,6 @@ from .setup import (
     LoadCase as LoadCase,
     LoadUncertainty as LoadUncertainty,
     Marker as Marker,
-    StatedNoise as StatedNoise,
     load_experiment as load_experiment,
 )
 from .simulate import Simulation as Simulation, simulate as simulate, simulate_rows as simulate_rows

@@ -42,6 +42,7 @@ def differences(states: Readings, experiment: Experiment) -> Readings:
     _check_drives(states, loaded, unloaded)
     known, alignments = _aligned(states, experiment)
     sigma = np.sqrt(states.sigma[loaded] ** 2 + states.sigma[unloaded] ** 2)
+    directed = None if states.directed is None else np.sqrt(2.0) * states.directed[loaded]  # of the same place
     turned = {f for f, a in enumerate(alignments) if a.turned}
     frame = np.array([f if f in turned else -1 for f in states.frame[loaded].tolist()], dtype=np.intp)
     axes = None if states.axes is None else states.axes[loaded]
@@ -60,6 +61,7 @@ def differences(states: Readings, experiment: Experiment) -> Readings:
         line=states.line[loaded],
         file=states.file[loaded],
         to=states.to[loaded],
+        directed=directed,
         axes=axes,
         reads=None if states.reads is None else states.reads[loaded],
         drive_state=drive,

@@ -9,10 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from qsframework.errors import MOST_PROBLEMS, InputError, Problem, refuse
+from qsframework.experiment.noise import seen_from, split_covariances
 from qsframework.experiment.reading_rows import MeasuredRows
 from qsframework.experiment.readings import KINDS, UNSTATED, Readings
 from qsframework.experiment.setup import Experiment
-from qsframework.plugin import Array
+from qsframework.plugin import Array, Indices
 
 _APART = 1.0
 """m: a displacement and the positions of one marker that contradict each other by more are not of one arm."""
@@ -44,43 +45,70 @@ def check_kinds(parts: Sequence[Part], whole: Readings, experiment: Experiment) 
     refuse([*_zeros(whole), *_contradictions(whole)])
 
 
-def row_sigmas(rows: MeasuredRows, experiment: Experiment) -> tuple[Array, bool]:
-    """sd (R,) m of one coordinate of each row, and whether it is stated; UNSTATED where nobody says anything."""
-    noise, own = experiment.noise, _far_sigma(rows, experiment)
+@dataclass(frozen=True, eq=False)
+class RowNoise:
+    """sd (R, 3) m of the coordinates of rows, UNSTATED where nobody says anything, and what they err more along some
+    directions (R, 2, 3), None where all coordinates err alike; stated: whether their size is known."""
+
+    sigma: Array
+    directed: Array | None
+    stated: bool
+
+
+def row_noise(rows: MeasuredRows, experiment: Experiment) -> RowNoise:
+    """The noise of the rows of a table: of their column sigma, else as the experiment states it of each kind."""
+    noise = experiment.noise
+    known = _stated_covariances(rows, experiment)
     here = list(dict.fromkeys(rows.kind.tolist()))
-    if noise.sigma is not None and not noise.apart and len(here) > 1 and np.isnan(own[rows.use]).any():
+    bare = rows.use & np.isnan(rows.sigma)
+    if noise.sigma is not None and not noise.apart and len(here) > 1 and bare.any():
         raise InputError(_which_sigma(experiment, here))
-    missing = unstated(rows, experiment) & np.isnan(own)
+    nobody = np.isnan(known[:, 0, 0])
+    missing = bare & nobody
     if missing.any() and not missing[rows.use].all():
         i = int(np.flatnonzero(missing)[0])
         message = f"{int(missing.sum())} readings have no sigma_mm and the experiment states no noise, others have one"
         raise InputError(rows.table.problem(i, "sigma", message, hint="Give all of them or none."))
-    sigma = np.where(np.isnan(own), _known_sigma(rows, experiment), own)
-    sigma = np.where(np.isnan(sigma), UNSTATED, sigma)
-    stated = not missing.any() and (noise.sigma is not None or noise.apart)
-    return np.where(np.isnan(rows.sigma), rows.reads.sigma(sigma), sigma), stated
+    known[nobody] = UNSTATED**2 * np.eye(3)
+    sigma, directed = split_covariances(known)
+    one = np.sqrt(np.mean(np.square(sigma), axis=1))
+    mean = 1.0 / np.sqrt(rows.reads.count) if noise.nest else rows.reads.sigma(one) / one
+    sigma, directed = sigma * mean[:, None], directed * mean[:, None, None]
+    sigma = np.sqrt(np.square(sigma) + noise.nest**2)
+    given = np.isfinite(rows.sigma)
+    sigma[given] = rows.sigma[given][:, None]
+    directed[given] = 0.0
+    stated = not missing.any() and noise.known and not noise.estimated
+    return RowNoise(sigma, directed if directed.any() else None, stated)
 
 
 def unstated(rows: MeasuredRows, experiment: Experiment) -> npt.NDArray[np.bool_]:
     """Rows (R,) in use of which nobody states the sd."""
-    return rows.use & np.isnan(rows.sigma) & np.isnan(_known_sigma(rows, experiment))
+    return rows.use & np.isnan(rows.sigma) & np.isnan(_stated_covariances(rows, experiment)[:, 0, 0])
 
 
-def _known_sigma(rows: MeasuredRows, experiment: Experiment) -> Array:
-    """sd (R,) m that the experiment states for each row, NaN where it states none."""
-    noise = experiment.noise
-    by_kind = {"displacement": noise.displacement, "position": noise.position, "gauge": noise.gauge}
-    stated = [by_kind[kind] if noise.apart else noise.sigma for kind in rows.kind.tolist()]
-    return np.array(stated, dtype=float)
+def _stated_covariances(rows: MeasuredRows, experiment: Experiment) -> Array:
+    """Covariances (R, 3, 3) m^2 that the experiment states for one read of each row, NaN where it states none."""
+    noise, out = experiment.noise, np.full((len(rows.use), 3, 3), np.nan)
+    touched = np.array([bool(point) for point in rows.points])
+    kinds = np.where(touched & (rows.kind == "position"), "touch", rows.kind)
+    for kind in dict.fromkeys(kinds.tolist()):
+        own = np.flatnonzero(kinds == kind)
+        seen = _seen(rows, own, experiment) if noise.of_beam(kind) else np.nan_to_num(rows.value[own])
+        found = noise.covariances(kind, seen)
+        if found is not None:
+            out[own] = found
+    return out
 
 
-def _far_sigma(rows: MeasuredRows, experiment: Experiment) -> Array:
-    """sd (R,) m of rows, of positions that have none with what the distance from the tracker adds."""
-    near, slope = experiment.noise.of_position, experiment.noise.per_distance
-    if near is None or not slope:
-        return rows.sigma
-    far = near + slope * np.linalg.norm(rows.value, axis=1)
-    return np.where(np.isnan(rows.sigma) & (rows.kind == "position") & np.isfinite(far), far, rows.sigma)
+def _seen(rows: MeasuredRows, own: Indices, experiment: Experiment) -> Array:
+    """Where markers (n, 3) m are from the tracker: a position says it; of a displacement the arm is taken as rigid."""
+    if rows.of_states:
+        return np.nan_to_num(rows.value[own])
+    places = experiment.rigid_places(experiment.robot.controller.to_joints(rows.pendant[own]))
+    series = np.array(rows.table.text("series"))[own].tolist()
+    there = zip(series, places[np.arange(len(own)), rows.marker[own]], strict=True)
+    return np.stack([seen_from(experiment, name, place) for name, place in there])
 
 
 def _which_sigma(experiment: Experiment, kinds: Sequence[str]) -> Problem:

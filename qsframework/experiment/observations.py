@@ -38,7 +38,7 @@ class ReadingRows:
     """The R rows of readings that a fit sees, and their m measured coordinates.
 
     keep (R,): places in the readings; at (m,): places of the measured coordinates in (R, 3), flattened; pose (R,):
-    number of the pose; shared: sd m of the error that the markers of a visit share, in units of sigma if not stated
+    number of the pose; shared: sd m of the error that the markers of a visit share, the stated one or another
     """
 
     readings: Readings
@@ -93,6 +93,12 @@ class ReadingRows:
         own = 3 * self.plus[self.row] + self.at % 3 + 3 * len(self.readings.states) * (self.frame[self.row] + 1)
         return np.where(self.readings.is_gauge[self.keep][self.row], -1, own)
 
+    @property
+    def lone_visits(self) -> bool:
+        """Whether no two coordinates share the error of a visit."""
+        own = self.label[self.label >= 0]
+        return len(np.unique(own)) == len(own)
+
     def range_notes(self, model: Model, x: Array) -> tuple[str, ...]:
         """A sentence for each law of a model that these readings ask beyond where it was seen."""
         used = np.unique(self.plus)
@@ -111,7 +117,15 @@ class ReadingRows:
             if rows.sum() > 1:
                 smallest = sigma[rows].min() / np.sqrt(2.0)
                 sd[rows] = np.where(np.isnan(part[rows]), smallest, part[rows])
-        return np.sqrt(sigma**2 - sd**2), [(label, sd)]
+        if self.readings.directed is None:
+            return np.sqrt(sigma**2 - sd**2), [(label, sd)]
+        share = np.square(sd / sigma)  # of all that a row errs, the part that its reference brings
+        vectors = self.readings.directed[self.keep].transpose(1, 0, 2).reshape(2, -1)[:, self.at]
+        alike = sigma**2 - np.square(vectors).sum(axis=0)
+        groups = [(label, np.sqrt(share * alike))]
+        for v in vectors:
+            groups += [(self.row, np.sqrt(1.0 - share) * v), (label // 3, np.sqrt(share) * v)]
+        return np.sqrt((1.0 - share) * alike), groups
 
     @property
     def _reference(self) -> Indices:
@@ -459,7 +473,8 @@ def make_rows(readings: Readings) -> ReadingRows:
     keep = np.flatnonzero(readings.use & np.isfinite(readings.value).any(axis=1))
     if not len(keep):
         raise InputError(f"{readings.where}: every reading is masked (use = 0)")
-    return ReadingRows(readings, keep, _measured(readings, keep), _poses(readings)[readings.plus[keep]])
+    pose = _poses(readings)[readings.plus[keep]]
+    return ReadingRows(readings, keep, _measured(readings, keep), pose, readings.repeatability or 0.0)
 
 
 def _measured(readings: Readings, keep: Indices) -> Indices:

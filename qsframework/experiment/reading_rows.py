@@ -190,11 +190,13 @@ def _unfilled(table: Table, empty: Flags, stems: Sequence[str]) -> list[Problem]
 @dataclass(frozen=True, eq=False)
 class Reads:
     """count (R,): of how many reads each row is the mean; spread: sd (m) of reads about the means of their visits, over
-    the whole table, with its degrees of freedom."""
+    the whole table, with its degrees of freedom; unnumbered: how many rows were taken as further reads of a visit,
+    which no column says."""
 
     count: Indices
     spread: float = 0.0
     freedom: int = 0
+    unnumbered: int = 0
 
     def sigma(self, one: Array) -> Array:
         """sd (R,) of the rows where that of one reading is stated, the error of its visit included.
@@ -212,6 +214,7 @@ def averaged(table: Table, measured: Sequence[str]) -> tuple[Table, Reads]:
     The sd of a row that states its own is that of the mean. Rows of one visit that differ in angles or load are no
     reads of one another: a problem of the table.
     """
+    table, unnumbered = _numbered_reads(table, measured)
     if "read" not in table.numbers:
         return table, Reads(np.ones(len(table.rows), dtype=np.intp))
     same = {stem: values for stem, values in table.numbers.items() if stem not in (*_TOLD_APART, *measured)}
@@ -222,7 +225,8 @@ def averaged(table: Table, measured: Sequence[str]) -> tuple[Table, Reads]:
     numbers = {stem: values[first] for stem, values in table.numbers.items() if stem != "read"}
     use = table.column("use", 1.0) != 0
     used = np.bincount(group, use, len(first)).astype(np.intp)
-    reads = Reads(np.maximum(used, 1), *_spread([table.numbers[m] for m in measured if m in table.numbers], group, use))
+    spread = _spread([table.numbers[m] for m in measured if m in table.numbers], group, use)
+    reads = Reads(np.maximum(used, 1), *spread, unnumbered)
     for stem in table.numbers:
         if stem in measured or (stem in _TOLD_APART and stem not in ("read", "use", "sigma")):
             numbers[stem] = _mean(table.numbers[stem], group, use | (used[group] == 0), len(first))
@@ -235,6 +239,51 @@ def averaged(table: Table, measured: Sequence[str]) -> tuple[Table, Reads]:
     texts = {stem: [values[i] for i in at] for stem, values in table.texts.items()}
     told = replace(table, rows=[table.rows[i] for i in at], numbers=numbers, texts=texts, problems=problems)
     return told, reads
+
+
+def _numbered_reads(table: Table, measured: Sequence[str]) -> tuple[Table, int]:
+    """The table with a column `read` where none numbers them, and how many rows are further reads: rows of one marker
+    one after the other, at the same angles and in the same state, are of one visit, under whatever pose names.
+
+    Not where a column says another repeat, cycle or visit, where the arm had the time to go away and come back between
+    them, or where they are copies of one another.
+    """
+    numbers, texts = dict(table.numbers), dict(table.texts)
+    visit = numbers.pop("visit", None)
+    if visit is not None:
+        numbers = {"repeat": visit} | numbers
+    table = replace(table, numbers=numbers)
+    constant = [v for stem, v in numbers.items() if stem not in (*_TOLD_APART, *measured, "ux", "uy", "uz")]
+    named = [v for stem, v in texts.items() if stem not in ("pose", "marker", "to_marker", "point")]
+    if "read" in numbers or not constant:
+        return table, 0
+    stands = np.nan_to_num(np.stack(constant, axis=1), nan=np.inf)
+    alike = (stands[1:] == stands[:-1]).all(axis=1)
+    for words in named:
+        alike &= np.array(words[1:]) == np.array(words[:-1])
+    time = table.column("time")
+    gap = np.abs(np.diff(time))
+    away = gap[~alike & np.isfinite(gap)]
+    run = np.cumsum(np.r_[0, ~(alike & ~(gap >= away.min(initial=np.inf)))])
+    who = [texts[stem] for stem in ("marker", "to_marker", "point") if stem in texts]
+    who += [numbers[stem].tolist() for stem in ("ux", "uy", "uz") if stem in numbers]
+    group, first = numbered(
+        [tuple("nan" if v != v else v for v in key) for key in zip(run.tolist(), *who, strict=True)]
+    )
+    read = np.ones(len(run))
+    order = np.argsort(group, kind="stable")
+    start = np.r_[True, group[order][1:] != group[order][:-1]]
+    read[order] = np.arange(len(run)) - np.maximum.accumulate(np.where(start, np.arange(len(run)), 0)) + 1
+    values = np.nan_to_num(table.columns(measured), nan=np.inf)
+    copies = {int(run[i]) for i in np.flatnonzero((read > 1) & (values == values[first[group]]).all(axis=1))}
+    several = np.isin(run, run[read > 1]) & ~np.isin(run, list(copies))
+    if not several.any():
+        return table, 0
+    opens = np.unique(run, return_index=True)[1]
+    pose = [texts["pose"][opens[r]] if own else name for r, own, name in zip(run, several, texts["pose"], strict=True)]
+    read = np.where(several, read, 1.0)
+    told = replace(table, numbers=numbers | {"read": read}, texts=texts | {"pose": pose})
+    return told, int((read > 1).sum())
 
 
 def _spread(measured: Sequence[Array], group: Indices, use: Array) -> tuple[float, int]:

@@ -23,6 +23,8 @@ from qsframework.viewed import Viewed
 
 KINDS = ("displacement", "position", "gauge")
 _OF_ROWS = ("marker", "value", "sigma", "minus_sigma", "use", "line", "to")
+_UNLESS_SAID = {"axes": np.eye(3), "reads": np.array(1, dtype=np.intp), "directed": np.zeros((2, 3))}
+"""What rows may have, and what they have where nothing is said."""
 """What each row has of its own, whatever the states, frames and files are."""
 UNSTATED = 1e-3
 """m: stands for a sigma that nobody states, and that is estimated."""
@@ -81,10 +83,13 @@ class Readings(Viewed):
     of a plate that is touched its turn alone is known, its first axis the normal
     value (R, 3) m, NaN where an axis was not measured; sigma (R, 3) m; stated: whether sigma is known, and not only up
     to a factor; minus_sigma (R, 3): the part of sigma that the reading at `minus` brings, NaN: half of the variance
+    directed (R, 2, 3) m: of what it errs more along some directions than along others, which is part of sigma: errors
+    along two vectors; None: all coordinates err alike
     axes (R, 3, 3): unit vectors along which the value was measured, rows, base frame; None: the frame's own
     to (R,): marker to which the distance (its only value) was measured, -1 for none
     use (R,): False where a row is masked; line (R,): in the file `sources[file]`; no sources: simulated
     reads (R,): of how many reads, taken without moving, each row is the mean; None: one
+    unnumbered: rows that were taken as further reads of a visit, which no column says
     robot: the arm's name; "": nobody says
     repeatability: stated sd m of the error that the markers of a visit share; None: not stated
     """
@@ -104,8 +109,10 @@ class Readings(Viewed):
     line: Indices
     file: Indices
     to: Indices
+    directed: Array | None = None
     axes: Array | None = None
     reads: Indices | None = None
+    unnumbered: int = 0
     sources: tuple[Path, ...] = ()
     drive_state: tuple[str, ...] | None = None
     repeatability: float | None = None
@@ -168,6 +175,17 @@ class Readings(Viewed):
         return np.where(self.is_gauge, "gauge", np.where(self.is_position, "position", "displacement"))
 
     @property
+    def about_reads(self) -> tuple[str, ...]:
+        """What is to be said of rows that were taken as reads of one visit."""
+        if not self.unnumbered:
+            return ()
+        return (
+            f"{self.unnumbered} rows are further reads of a visit: one after the other, at the same angles and load. "
+            "The mean of each visit counts; where the arm was moved between them, number the visits in a column "
+            "`repeat` or `visit`.",
+        )
+
+    @property
     def displacements(self) -> Readings:
         """The rows that are differences of two states."""
         return replace(self, use=self.use & ~self.is_position)
@@ -179,8 +197,8 @@ class Readings(Viewed):
     def of_rows(self, rows: Indices) -> Readings:
         """Some of the rows, over the same states."""
         each = ("plus", "minus", "frame", "file", *_OF_ROWS)
-        axes, reads = (None if v is None else v[rows] for v in (self.axes, self.reads))
-        return replace(self, **{name: getattr(self, name)[rows] for name in each}, axes=axes, reads=reads)
+        known = {name: v[rows] for name in _UNLESS_SAID if (v := getattr(self, name)) is not None}
+        return replace(self, **{name: getattr(self, name)[rows] for name in each}, **known)
 
     def with_values(self, value: Array) -> Readings:
         """Other values (R, 3) m at the same rows."""
@@ -196,7 +214,8 @@ class Readings(Viewed):
         value, sigma = np.array(self.value), np.array(self.sigma)
         value[rows] = np.stack([value[rows] @ along, *np.full((2, int(rows.sum())), np.nan)], axis=1)
         axes[rows], sigma[rows] = axes_along(along), sd
-        return replace(self, value=frozen(value), sigma=frozen(sigma), axes=axes)
+        alike = None if self.directed is None else np.where(rows[:, None, None], 0.0, self.directed)
+        return replace(self, value=frozen(value), sigma=frozen(sigma), axes=axes, directed=alike)
 
 
 def axes_along(direction: Array) -> Array:
@@ -221,13 +240,16 @@ def joined(parts: list[Readings]) -> Readings:
         return np.concatenate(shifted)
 
     place = [np.array([*(frames.index(n) for n in p.frames), -1], dtype=np.intp)[p.frame] for p in parts]
-    axes = None
-    if any(p.axes is not None for p in parts):
-        axes = np.concatenate([np.tile(np.eye(3), (len(p), 1, 1)) if p.axes is None else p.axes for p in parts])
+    said = {
+        name: np.concatenate(
+            [np.tile(usual, (len(p), *[1] * usual.ndim)) if (v := getattr(p, name)) is None else v for p in parts]
+        )
+        for name, usual in _UNLESS_SAID.items()
+        if any(getattr(p, name) is not None for p in parts)
+    }
     drives: tuple[str, ...] | None = None
     if any(p.drive_state is not None for p in parts):
         drives = tuple(d for p in parts for d in (p.drive_state or ("",) * len(p)))
-    reads = [np.ones(len(p), dtype=np.intp) if p.reads is None else p.reads for p in parts]
     own = {name: np.concatenate([getattr(p, name) for p in parts]) for name in _OF_ROWS}
     own |= {name: frozen(own[name]) for name in ("value", "sigma", "minus_sigma")}
     return replace(
@@ -239,14 +261,14 @@ def joined(parts: list[Readings]) -> Readings:
         frames=frames,
         known=tuple(known[n] for n in frames),
         stated=all(p.stated for p in parts),
-        axes=axes,
-        reads=np.concatenate(reads),
         file=np.concatenate([p.file + k for p, k in zip(parts, files, strict=False)]).astype(np.intp),
         sources=tuple(s for p in parts for s in p.sources),
         drive_state=drives,
         alignments=tuple(a for p in parts for a in p.alignments),
         made=parts[0].made if all(p.made == parts[0].made for p in parts) else None,
+        unnumbered=sum(p.unnumbered for p in parts),
         **own,
+        **said,
     )
 
 

@@ -16,7 +16,7 @@ from qsframework.errors import InputError, Problem, all_of, refuse
 from qsframework.experiment.columns import IMPORT, Table, check_ours, make_table, numbered, read_table
 from qsframework.experiment.differences import differences, has_pairs
 from qsframework.experiment.frames import PLANE, POINT, Frame
-from qsframework.experiment.kinds import Part, check_kinds, row_sigmas, unstated
+from qsframework.experiment.kinds import Part, check_kinds, row_noise, unstated
 from qsframework.experiment.options import ReadAs
 from qsframework.experiment.plausible_readings import check_places, idle_problems, load_problems, no_load
 from qsframework.experiment.reading_rows import MeasuredRows, measured_rows
@@ -253,7 +253,7 @@ def _over(states: States, plus: Indices, minus: Indices, rows: MeasuredRows, exp
         raise InputError(table.problem(i, "series", "names no series, others do", "''", ", ".join(frames[1:]), hint))
     known = {f.series: f for f in experiment.frames}
     known |= {name: Frame(name, turn, np.zeros(3)) for name, turn in rows.normals.items()}
-    sigma, stated = row_sigmas(rows, experiment)
+    noise = row_noise(rows, experiment)
     return Readings(
         states=states,
         plus=plus,
@@ -263,15 +263,17 @@ def _over(states: States, plus: Indices, minus: Indices, rows: MeasuredRows, exp
         frames=frames,
         known=tuple(known.get(name) for name in frames),
         value=frozen(rows.value),
-        sigma=frozen(np.repeat(sigma[:, None], 3, axis=1)),
+        sigma=frozen(noise.sigma),
         minus_sigma=frozen(np.full((count, 3), np.nan)),
-        stated=stated,
+        stated=noise.stated,
         use=rows.use,
         line=np.array(table.rows),
         file=np.zeros(count, dtype=np.intp),
         to=rows.to,
+        directed=noise.directed,
         axes=rows.axes,
         reads=rows.reads.count,
+        unnumbered=rows.reads.unnumbered,
         sources=(table.path,),
         drive_state=tuple(table.texts["drive_state"]) if "drive_state" in table.texts else None,
         repeatability=experiment.noise.repeatability,

@@ -71,7 +71,7 @@ def columns_of(header: Sequence[str], experiment: Experiment, states: bool | Non
         *(Column(u, "number", blank=True) for u in ALONG),
         Column("to_marker", "text", check=marker),
         *(Column(name, "text") for name in (*names, "series")),
-        *(Column(count, "count") for count in ("repeat", "read", "cycle")),
+        *(Column(count, "count") for count in ("repeat", "visit", "read", "cycle")),
         Column("sigma", "number", "m", blank=True, check=_positive),
         *(Column(time, "number", "s") for time in times),
         *(Column(temperature, "number", "K") for temperature in temperatures),

@@ -24,6 +24,7 @@ from qsframework.experiment.constraints import (
     make_constraints,
 )
 from qsframework.experiment.frames import Frame
+from qsframework.experiment.noise import NoiseModel
 from qsframework.experiment.obstacles import read_obstacles
 from qsframework.experiment.spec import ExperimentSpec, LoadCaseSpec
 from qsframework.experiment.stations import Station
@@ -58,33 +59,6 @@ class Marker:
     link: str
     xyz: Array
     normal: Array | None = None
-
-
-@dataclass(frozen=True)
-class StatedNoise:
-    """Standard deviations of one coordinate of a reading, m; None: not stated, to be estimated.
-
-    sigma: of a displacement, as plans count it; position, displacement, gauge: where the kinds are stated apart, and
-    then `apart`; repeatability: of the error that the markers of a visit share; per_distance: what the sd of a position
-    grows by per metre from the tracker
-    """
-
-    sigma: float | None
-    position: float | None = None
-    displacement: float | None = None
-    gauge: float | None = None
-    repeatability: float | None = None
-    per_distance: float = 0.0
-
-    @property
-    def of_position(self) -> float | None:
-        """Of a position near the tracker; it grows by `per_distance` a metre."""
-        return self.position if self.apart else self.sigma
-
-    @property
-    def apart(self) -> bool:
-        """Whether the kinds of readings are stated one by one."""
-        return any(v is not None for v in (self.position, self.displacement, self.gauge))
 
 
 @dataclass(frozen=True)
@@ -135,7 +109,7 @@ class Experiment(Viewed):
     robot: Robot
     load_point: Array
     markers: tuple[Marker, ...]
-    noise: StatedNoise
+    noise: NoiseModel
     loads: tuple[LoadCase, ...]
     effects: tuple[Effect, ...]
     parameters: tuple[Parameter, ...]
@@ -355,13 +329,22 @@ def load_experiment(path: str | Path, *, trust: bool | None = None) -> Experimen
     return experiment
 
 
-def _noise(spec: ExperimentSpec) -> StatedNoise:
+def _noise(spec: ExperimentSpec) -> NoiseModel:
     if isinstance(spec.noise, str):
-        return StatedNoise(None)
+        return NoiseModel(None, source="estimated")
     n = spec.noise
-    plain = n.displacement_sigma if n.sigma is None else n.sigma
-    kinds = n.position_sigma, n.displacement_sigma, n.gauge_sigma
-    return StatedNoise(plain, *kinds, n.repeatability, n.distance_sigma)
+    return NoiseModel(
+        n.displacement_sigma if n.sigma is None else n.sigma,
+        position=n.position_sigma,
+        displacement=n.displacement_sigma,
+        gauge=n.gauge_sigma,
+        repeatability=n.repeatability,
+        per_distance=n.distance_sigma,
+        range=n.range_sigma,
+        angle=n.angle_sigma or 0.0,
+        nest=n.nest_sigma or 0.0,
+        source=n.source,
+    )
 
 
 def _positions(spec: ExperimentSpec) -> LoadCase | None:

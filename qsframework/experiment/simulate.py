@@ -12,6 +12,7 @@ from qsframework.arguments import checked
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError
 from qsframework.estimation.options import Linear
+from qsframework.experiment.noise import gauge_sigma, require_position_noise, seen_from, split_covariances
 from qsframework.experiment.observations import make_rows
 from qsframework.experiment.options import Truth
 from qsframework.experiment.plan import Plan
@@ -46,7 +47,7 @@ def simulate(
     seed: Seed = 0,
     linear: Linear = False,
 ) -> Simulation:
-    """Measure a plan in simulation, with independent Gaussian noise on every coordinate.
+    """Measure a plan in simulation, with Gaussian noise as the experiment states it.
 
     The arm settles in its full equilibrium, as a real one does. Readings without any noise (sigma 0) state none: a fit
     then estimates what rounding leaves.
@@ -69,10 +70,12 @@ def simulate(
     rng = np.random.default_rng(seed)
     x = _rigid(experiment, _truth(experiment, truth, rng)) if x is None else x
     readings = planned_readings(experiment, plan, x, linear)
-    sigma = readings.sigma if readings.stated else np.zeros_like(readings.sigma)
-    noise = sigma * rng.standard_normal(readings.value.shape)
+    rows = make_rows(readings)
+    noise = rows.flat(rng.standard_normal(readings.value.shape)) if readings.stated else np.zeros(len(rows.at))
+    noise = np.nan_to_num(rows.spread(rows.noise.colour(noise)))
     made = Made("linear" if linear else "equilibrium", seed)
-    readings = replace(readings, value=frozen(readings.value + noise), made=made)
+    stated = readings.stated and not experiment.noise.estimated
+    readings = replace(readings, value=frozen(readings.value + noise), made=made, stated=stated)
     return Simulation(readings, model, frozen(x))
 
 
@@ -119,18 +122,51 @@ class _Visits:
 def _moved(visits: _Visits, poses: Poses, rows: Indices) -> Readings:
     """Displacements under the loads, by the tracker, or by the gauge of a load."""
     experiment, poses = visits.experiment, poses.take(rows)
-    sigma = experiment.noise.sigma
-    if sigma is None:
-        raise InputError(f"{experiment.path}: a simulation needs the noise, for example noise: {{sigma_mm: 0.03}}")
     if not experiment.has_load:
         raise InputError(f"{experiment.path}: a load acts somewhere; add for example load: {{point_mm: [150, 0, 200]}}")
     moved = visits.model.predict(poses, visits.x, visits.linear)
-    shared = experiment.noise.repeatability
-    names, repeat = visits.names(rows), visits.repeat[rows]
-    out = displaced(poses, moved, sigma or UNSTATED, names, repeat, stated=sigma > 0.0, repeatability=shared)
-    seen = seen_markers(experiment, poses.q, visits.stations(rows)).ravel()
+    stations, names = visits.stations(rows), visits.names(rows)
     loads = [visits.plan.load[int(i)] for i in visits.pose[rows]]
+    out = noisy_displacements(experiment, poses, moved, names, visits.repeat[rows], stations, loads)
+    seen = seen_markers(experiment, poses.q, stations).ravel()
     return _gauged(experiment, out, np.repeat(loads, moved.shape[1]), seen)
+
+
+def noisy_displacements(
+    experiment: Experiment,
+    poses: Poses,
+    moved: Array,
+    names: Sequence[str],
+    repeat: Indices | None = None,
+    stations: Sequence[str] = (),
+    loads: Sequence[str] = (),
+) -> Readings:
+    """`displaced` with the noise that the experiment states; stations, loads: of each pose, "" where not given."""
+    stations, loads = stations or [""] * len(poses), loads or [""] * len(poses)
+    sigma, directed = _noise_of_displacements(experiment, poses.q, stations, np.repeat(loads, moved.shape[1]))
+    silent = not (sigma > 0.0).all()
+    out = displaced(poses, moved, UNSTATED, names, repeat, not silent, experiment.noise.repeatability)
+    return replace(out, sigma=out.sigma if silent else frozen(sigma), directed=directed)
+
+
+def _noise_of_displacements(
+    experiment: Experiment, q: Array, stations: Sequence[str], loads: npt.NDArray[np.str_]
+) -> tuple[Array, Array | None]:
+    """sd (R, 3) m of displacements of all markers at joint angles (N, n) under loads (R,), and what they err along
+    directions (R, 2, 3). InputError where nobody states it of loads that the tracker reads."""
+    noise, count = experiment.noise, len(q) * len(experiment.markers)
+    gauges = {case.name for case in experiment.loads if case.gauge is not None}
+    if all(load in gauges for load in loads.tolist()):
+        return np.ones((count, 3)), None
+    there = np.zeros((count, 3))
+    if noise.of_beam("displacement"):
+        places = experiment.rigid_places(q)
+        there = np.concatenate([seen_from(experiment, name, p) for name, p in zip(stations, places, strict=True)])
+    covariance = noise.covariances("displacement", there)
+    if covariance is None:
+        raise InputError(f"{experiment.path}: a displacement needs its noise, for example noise: {{sigma_mm: 0.03}}")
+    sigma, directed = split_covariances(covariance + noise.nest**2 * np.eye(3))
+    return sigma, directed if directed.any() else None
 
 
 def _gauged(experiment: Experiment, readings: Readings, load: npt.NDArray[np.str_], seen: Flags) -> Readings:
@@ -140,7 +176,8 @@ def _gauged(experiment: Experiment, readings: Readings, load: npt.NDArray[np.str
     for name, gauge in gauges.items():
         own = load == name
         keep[own] = names[own] == gauge.marker
-        readings = readings.gauged(own, gauge.along, experiment.noise.gauge or experiment.noise.sigma or UNSTATED)
+        if own.any():
+            readings = readings.gauged(own, gauge.along, gauge_sigma(experiment) or UNSTATED)
     return readings if keep.all() else readings.of_rows(np.flatnonzero(keep))
 
 
@@ -152,15 +189,15 @@ def _stood(visits: _Visits, poses: Poses, rows: Indices) -> Readings:
     series = tuple(dict.fromkeys(stations))
     known = tuple(next((f for f in experiment.frames if f.series == name), None) for name in series)
     frame = np.array([series.index(name) for name in stations])
-    value, sigma = np.empty_like(places), np.empty(places.shape[:2])
+    value, noise = np.empty_like(places), experiment.noise
     for f, name in enumerate(series):
         own, station, there = frame == f, station_of(experiment, name), known[f]
         origin = np.zeros(3) if station.xyz is None else station.xyz
         value[own] = places[own] - origin if there is None else there.apply(places[own])
-        sigma[own] = station.sigma(experiment, places[own])
-    if np.isnan(sigma).any():
-        example = "noise: {position_sigma_mm: 0.03}"
-        raise InputError(f"{experiment.path}: readings of positions need their noise, for example {example}")
+    require_position_noise(experiment, [station_of(experiment, name) for name in series])
+    covariance = noise.covariances("position", value.reshape(-1, 3))
+    assert covariance is not None
+    sigma, directed = split_covariances(covariance + noise.nest**2 * np.eye(3))
     count, (state, marker) = len(rows), np.nonzero(seen)
     states = States(
         poses=poses,
@@ -171,7 +208,7 @@ def _stood(visits: _Visits, poses: Poses, rows: Indices) -> Readings:
         repeat=visits.repeat[rows],
         cycle=np.ones(count, dtype=np.intp),
     )
-    own = sigma[state, marker]
+    read = state * places.shape[1] + marker
     return Readings(
         states=states,
         plus=state,
@@ -181,14 +218,15 @@ def _stood(visits: _Visits, poses: Poses, rows: Indices) -> Readings:
         frames=series,
         known=known,
         value=frozen(value[state, marker]),
-        sigma=frozen(np.tile(np.where(own > 0.0, own, UNSTATED)[:, None], 3)),
+        sigma=frozen(np.where(sigma > 0.0, sigma, UNSTATED)[read]),
         minus_sigma=frozen(np.full((len(state), 3), np.nan)),
-        stated=bool((own > 0.0).all()),
+        stated=bool((sigma > 0.0).all()),
         use=np.ones(len(state), dtype=bool),
         line=np.arange(3, 3 + len(state)),
         file=np.zeros(len(state), dtype=np.intp),
         to=np.full(len(state), -1),
-        repeatability=experiment.noise.repeatability,
+        directed=directed[read] if directed.any() else None,
+        repeatability=noise.repeatability,
     )
 
 

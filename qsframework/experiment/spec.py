@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 import pydantic
 
+from qsframework.experiment.noise import Source
 from qsframework.experiment.obstacles import ObstacleSpec
 from qsframework.files import FileModel, Unit
 
@@ -58,17 +59,33 @@ class NoiseSpec(FileModel):
 
     sigma is that of a displacement in displacement files and in plans, of a position in files of positions;
     distance_sigma is what the sd of a position grows by per metre between tracker and marker (`distance_sigma_um/m`);
-    repeatability: sd of a coordinate that the markers of a visit share, because the arm comes back elsewhere
+    range_sigma, angle_sigma: of positions along the beam of the tracker and across it, in place of position_sigma;
+    repeatability: sd of a coordinate that the markers of a visit share, because the arm comes back elsewhere;
+    nest_sigma: of what all reads of a marker at one visit share; source: where the numbers are from: of estimated ones
+    a fit takes the ratios and estimates their size
     """
 
     sigma: Annotated[float | None, Unit("m")] = None
     position_sigma: Annotated[float | None, Unit("m")] = None
     distance_sigma: Annotated[float, Unit("")] = pydantic.Field(default=0.0, ge=0.0)
+    range_sigma: Annotated[float | None, Unit("m")] = None
+    angle_sigma: Annotated[float | None, Unit("rad")] = None
     displacement_sigma: Annotated[float | None, Unit("m")] = None
     gauge_sigma: Annotated[float | None, Unit("m")] = None
     repeatability: Annotated[float | None, Unit("m")] = None
+    nest_sigma: Annotated[float | None, Unit("m")] = None
+    source: Source = "stated"
 
-    @pydantic.field_validator("sigma", "position_sigma", "displacement_sigma", "gauge_sigma", "repeatability")
+    @pydantic.field_validator(
+        "sigma",
+        "position_sigma",
+        "range_sigma",
+        "angle_sigma",
+        "displacement_sigma",
+        "gauge_sigma",
+        "repeatability",
+        "nest_sigma",
+    )
     @classmethod
     def _positive(cls, value: float | None) -> float | None:
         if value is not None and value <= 0:
@@ -76,12 +93,19 @@ class NoiseSpec(FileModel):
         return value
 
     @pydantic.model_validator(mode="after")
-    def _told(self) -> NoiseSpec:
-        kinds = (self.position_sigma, self.displacement_sigma, self.gauge_sigma)
+    def _enough(self) -> NoiseSpec:
+        kinds = (self.position_sigma, self.displacement_sigma, self.gauge_sigma, self.range_sigma)
+        if (self.range_sigma is None) != (self.angle_sigma is None):
+            raise ValueError("range_sigma_mm and angle_sigma_urad belong together: along the beam and across it")
+        if self.range_sigma is not None and self.distance_sigma:
+            raise ValueError("give angle_sigma_urad or distance_sigma, not both: each grows with the distance")
         if self.sigma is None and all(k is None for k in kinds):
             raise ValueError("needs sigma_mm; `noise: estimate` takes it from the residuals")
         if self.sigma is not None and any(k is not None for k in kinds):
-            raise ValueError("give sigma_mm, or position_sigma_mm, displacement_sigma_mm and gauge_sigma_mm apart")
+            raise ValueError(
+                "give sigma_mm, or position_sigma_mm (range_sigma_mm and angle_sigma_urad), displacement_sigma_mm and "
+                "gauge_sigma_mm apart"
+            )
         return self
 
 

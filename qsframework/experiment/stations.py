@@ -50,12 +50,6 @@ class Station:
                     out[part, k] &= angle <= self.incidence_max
         return out
 
-    def sigma(self, experiment: Experiment, places: Array) -> Array:
-        """sd (..., ) m of a coordinate of markers at places (..., 3), base frame; NaN where nobody states it."""
-        near = experiment.noise.of_position
-        distance = np.zeros(places.shape[:-1]) if self.xyz is None else np.linalg.norm(places - self.xyz, axis=-1)
-        return (np.nan if near is None else near) + experiment.noise.per_distance * distance
-
 
 def station_of(experiment: Experiment, name: str) -> Station:
     """The station of a name; one that sees everything where the experiment has none of it."""

@@ -15,7 +15,7 @@ from qsframework.estimation.projection import least_squares
 from qsframework.experiment import Experiment, Frame, Plan, make_rows
 from qsframework.experiment.frames import motion_count
 from qsframework.experiment.observations import ReadingRows
-from qsframework.experiment.simulate import displaced, planned_readings
+from qsframework.experiment.simulate import noisy_displacements, planned_readings
 from qsframework.experiment.stations import station_frame
 from qsframework.hypotheses.catalogue.causes import REACH, Cause, groups_of, widened
 from qsframework.information.selection import held_of
@@ -260,7 +260,6 @@ def plan_case(
     poses: Poses | Plan,
     fitted: Sequence[str],
     causes: Sequence[Cause],
-    sigma: float,
 ) -> Case:
     """The case of poses that are still to be measured, every marker once, at nominal values; no residuals.
 
@@ -270,7 +269,7 @@ def plan_case(
         planned = planned_readings(experiment, poses)
     else:
         nothing = np.zeros((len(poses), len(experiment.markers), 3))
-        planned = displaced(poses, nothing, sigma, [f"{i:09d}" for i in range(len(poses))])
+        planned = noisy_displacements(experiment, poses, nothing, [f"{i:09d}" for i in range(len(poses))])
     rows = make_rows(planned)
     frames = [station_frame(experiment, planned.frames[f]) for f in rows.estimated]
     return make_case(experiment, rows, fitted, causes, {}, np.zeros_like(rows.measured), frames)

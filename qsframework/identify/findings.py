@@ -49,7 +49,7 @@ def _of_files(fit: FitRecord, experiment: Experiment) -> Iterator[Finding]:
 def _of_noise(fit: FitRecord) -> Iterator[Finding]:
     """A stated noise that no instrument has, or that the residuals contradict."""
     mend = "State the noise of the instrument (noise: sigma_mm in the experiment), or write noise: estimate."
-    if fit.sigma_source != "stated" or fit.dof <= 0:
+    if fit.sigma_source == "estimated" or fit.dof <= 0:
         return
     stated = f"the stated noise of a coordinate, {1e3 * fit.sigma:.3g} mm,"
     if not _INSTRUMENTS[0] <= fit.sigma <= _INSTRUMENTS[1]:

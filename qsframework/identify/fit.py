@@ -67,6 +67,8 @@ class Fit(Viewed, FitRecord):
     missed_kind: npt.NDArray[np.str_] = field(default_factory=lambda: np.zeros(0, dtype=np.str_))
     alignments: tuple[Alignment, ...] = ()
     made: Made | None = None
+    about_noise: tuple[str, ...] = ()
+    """What residuals say of the noise by direction and distance."""
 
     @property
     def x(self) -> Array:

@@ -25,9 +25,12 @@ from qsframework.estimation import (
     settle,
     shared_error,
 )
+from qsframework.estimation.axis_noise import LEVEL, axis_words
+from qsframework.estimation.tails import chi2_sf
 from qsframework.estimation.visit_noise import SharedError
 from qsframework.experiment import Experiment, Frame, ObservationModel, Readings, make_rows, observation_model
 from qsframework.experiment.account import account_of
+from qsframework.experiment.noise_by_axis import noise_by_axis
 from qsframework.experiment.observations import ReadingRows, start_values, values_before
 from qsframework.experiment.setup import GEOMETRY, expand_name
 from qsframework.identify.columns import ERRORS
@@ -292,11 +295,15 @@ def _finished(
 ) -> Fit:
     """A method's fit with what all methods share: the error of a visit, intervals, the load's uncertainty, words."""
     found = fitted(rows)
+    known = rows.shared if rows.stated else 0.0
     error = _visit_error(found) if options.shared else None
-    if error is not None and error.sd > 0.0:
+    if error is not None and error.sd > 0.0 and not known:
         found = fitted(rows.sharing(error.sd / error.unit))
     result, seen = _fit_of(experiment, found, options), found.seen
-    if error is not None:
+    if known:
+        said = _of_visits(rows, error, known)
+        result = replace(result, shared_sd=known, notes=(*result.notes, *said))
+    elif error is not None:
         result = replace(result, shared_sd=error.sd, shared_p=error.p_value)
     observations = found.solved or seen.observations()
     intervals = tuple(profile_interval(observations, found.solution, name, options) for name in options.profile)
@@ -316,12 +323,25 @@ def _at(found: Found) -> ObservationModel:
     return replace(found.seen, frames=found.seen.moved(found.solution.x))
 
 
+def _of_visits(rows: ReadingRows, error: SharedError | None, known: float) -> Iterator[str]:
+    """What is to be said of the stated error that the markers of a visit share."""
+    if rows.lone_visits:
+        yield "Each visit has one marker: the stated repeatability is part of the error of that marker."
+    if error is not None:
+        size = f"{1e3 * error.sd:.4f} mm by the residuals and {1e3 * known:.4f} mm as stated (p = {error.p_known:.2g})"
+        yield f"The markers of a visit share an error of {size}; the latter counts."
+
+
+def _source(experiment: Experiment, rows: ReadingRows) -> str:
+    """Where the size of the noise is from."""
+    source = experiment.noise.source
+    return "estimated" if not rows.stated else "stated" if source == "estimated" else source
+
+
 def _visit_error(found: Found) -> SharedError:
     """The error that the markers of a visit share, from the residuals of a fit without it (REML)."""
     rows = found.seen.rows
-    label = rows.label
-    told = label >= 0
-    if len(np.unique(label[told])) == told.sum():
+    if rows.lone_visits:
         raise InputError(
             "an error shared by the markers of a pose cannot be separated from their own: every measurement has one "
             "marker only. Leave it out, or measure more markers"
@@ -330,7 +350,8 @@ def _visit_error(found: Found) -> SharedError:
     residuals = o.measured - o.predict(found.solution.x)
     free = np.sqrt(np.diag(found.covariance)) > 0.0
     own, others = rows.own_noise
-    return shared_error(residuals, o.jacobian(found.solution.x)[:, free], own, label, rows.stated, others)
+    columns, known = o.jacobian(found.solution.x)[:, free], rows.shared if rows.stated else 0.0
+    return shared_error(residuals, columns, own, rows.label, rows.stated, others, known)
 
 
 def _fit_of(experiment: Experiment, found: Found, options: FitOptions) -> Fit:
@@ -343,11 +364,12 @@ def _fit_of(experiment: Experiment, found: Found, options: FitOptions) -> Fit:
     fit, least = LinearFit(solution.hat, white, noise, rows.stated), seen.observations().least
     plain = float(np.sqrt(fit.chi2 / fit.dof))
     unit = 1.0 if rows.stated else max(plain if solution.unit is None else solution.unit, least)
-    covariance = found.covariance * unit**2
+    covariance, about_noise = _by_axis(rows, fit, solution, found.covariance)
+    covariance = covariance * unit**2
     x, frames = seen.values(solution.x), seen.moved(solution.x)
     sigma = float(np.sqrt(np.mean(np.square(rows.flat(rows.sigma)))))
     predicted = rows.predict(model, x, frames, options.linear)
-    notes = (*_option_notes(options, solution), *found.notes)
+    notes = (*_option_notes(options, solution), *readings.about_reads, *about_noise, *found.notes)
     if not rows.stated and unit == least:
         notes = (*notes, "The readings have no noise: sigma is what rounding leaves, and the sds say no more.")
     estimates = _estimates(found, solution, frames, x, np.sqrt(covariance.diagonal()), unit)
@@ -370,7 +392,7 @@ def _fit_of(experiment: Experiment, found: Found, options: FitOptions) -> Fit:
             [n for n, f in zip((p.name for p in seen.parameters), free, strict=True) if f],
         ),
         sigma=unit * sigma,
-        sigma_source="stated" if rows.stated else "estimated",
+        sigma_source=_source(experiment, rows),
         lines=readings.line[rows.keep],
         file=readings.file[rows.keep],
         sources=tuple(str(s) for s in readings.sources),
@@ -389,8 +411,23 @@ def _fit_of(experiment: Experiment, found: Found, options: FitOptions) -> Fit:
         not_estimated=left,
         alignments=readings.alignments,
         made=readings.made,
+        about_noise=about_noise,
         notes=notes,
     )
+
+
+def _by_axis(rows: ReadingRows, fit: LinearFit, solution: Solution, covariance: Array) -> tuple[Array, tuple[str, ...]]:
+    """The covariance (p, p) of unit noise: where nobody states the noise, as it is by direction and distance, that is
+    C A' V A C of whitened columns A; and what to say."""
+    Q = np.nan_to_num(rows.spread(fit.Q)).reshape(-1, fit.Q.shape[1])
+    found = noise_by_axis(rows, LinearFit(Q, np.nan_to_num(rows.spread(fit.white)).ravel()))
+    if found is None or found.p_value >= LEVEL:
+        return covariance, ()
+    if rows.stated:
+        return covariance, (f"{axis_words(found)}.",) if chi2_sf(fit.chi2, fit.dof) >= LEVEL else ()
+    pull = np.nan_to_num(rows.spread(solution.jacobian @ covariance))
+    true = np.einsum("rip,rij,rjq->pq", pull, found.factor, pull, optimize=True)
+    return true, (f"{axis_words(found)}; the uncertainties allow for it.",)
 
 
 def _still(readings: Readings, driven: Sequence[str]) -> Iterator[str]:
@@ -426,7 +463,9 @@ def _estimates(
 ) -> tuple[Estimate, ...]:
     seen = found.seen
     values = np.concatenate([*(f.pose for f in frames), x[seen.model.index(seen.names)]])
-    free, alone = solution.free_sd * unit, solution.alone_sd * unit
+    plain = np.sqrt(found.covariance.diagonal())
+    grown = unit * np.divide(sd, plain * unit, out=np.ones(len(sd)), where=plain > 0.0)  # by the noise's directions
+    free, alone = solution.free_sd * grown, solution.alone_sd * grown
     out: list[Estimate] = []
     for i, p in enumerate(seen.parameters):
         own = float("nan") if p.name in solution.at_bound else float(sd[i])

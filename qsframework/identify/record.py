@@ -16,7 +16,7 @@ from qsframework.arguments import checked
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError, Problem
 from qsframework.estimation import FitOptions, Interval
-from qsframework.estimation.tails import chi2_sf
+from qsframework.estimation.tails import chi2_sf, normal_sf, t_isf
 from qsframework.experiment import Experiment, Frame, Readings
 from qsframework.experiment.account import Account
 from qsframework.files import (
@@ -42,6 +42,8 @@ from qsframework.plugin import Array
 from qsframework.plugin.registry import replaced
 
 HIGH_CORRELATION = 0.9
+COVERAGE = 2.0
+"""k of an expanded uncertainty of a known noise, for 95.45 %."""
 SIGNIFICANT = 1e-3
 """p-value below which residuals do not fit their stated noise."""
 
@@ -192,6 +194,12 @@ class FitRecord(FileRecord):
         """What the variances that the fit predicts are multiplied by: chi-square per degree of freedom where the
         residuals do not fit their stated noise, else 1."""
         return self.chi2 / self.dof if self.agrees is False else 1.0
+
+    @property
+    def coverage(self) -> float:
+        """k of an expanded uncertainty, for 95.45 %: 2; of an estimated noise by Student's t of its freedom."""
+        estimated = self.sigma_source == "estimated" and self.dof > 0
+        return float(t_isf(normal_sf(COVERAGE), self.dof)) if estimated else COVERAGE
 
     @property
     def lack(self) -> float:

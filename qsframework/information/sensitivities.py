@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from qsframework.elastostatics import Model
-from qsframework.errors import InputError
 from qsframework.estimation import left, orthonormal, rank_test, scales
 from qsframework.experiment import Experiment, Plan, Readings, make_rows
 from qsframework.experiment.observations import start_values
@@ -72,7 +71,7 @@ def readings_columns(
     """
     rows, model = make_rows(readings), experiment.model()
     x = start_values(experiment, names) if x is None else x
-    unit = 1.0 if readings.stated else UNSTATED / (experiment.noise.sigma or 1.0)
+    unit = 1.0 if experiment.noise.known else UNSTATED
     found = rows.start(model, x) if frames else [station_frame(experiment, readings.frames[f]) for f in rows.estimated]
     white = rows.noise.whiten(rows.flat(rows.rates(model, x, found, names)[1])) * unit
     k = 6 * len(found)
@@ -109,11 +108,4 @@ def predicted_beyond(experiment: Experiment, plan: Plan) -> dict[str, float]:
 def predicted_sd(experiment: Experiment, plan: Plan, names: Sequence[str] | None = None) -> Array:
     """Standard deviation (p,) that a plan predicts for the experiment's parameters, SI."""
     names = experiment.fit_names() if names is None else names
-    if plan.of_positions.any() or plan.station:
-        return sd_of_taken(experiment.model(), plan_columns(experiment, plan, names), names)
-    sigma = experiment.noise.sigma
-    if sigma is None:
-        raise InputError(
-            f"{experiment.path}: a predicted uncertainty needs the noise, for example noise: {{sigma_mm: 0.03}}"
-        )
-    return sd_of_poses(experiment.model(), plan.poses, names, sigma, np.array(plan.repeats))
+    return sd_of_taken(experiment.model(), plan_columns(experiment, plan, names), names)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from qsframework.applications.certificate import COVERAGE, Certificate, DeviceSpec, PartySpec, Quantity
+from qsframework.applications.certificate import Certificate, DeviceSpec, PartySpec, Quantity
 from qsframework.files import sha256
 from qsframework.report.blocks import Block, Lines, Mark, ReportTable, Section, Text, Verdict
 from qsframework.report.fit_plots import distribution_figure
@@ -42,7 +42,10 @@ def _result(found: Certificate) -> Verdict:
     numbers = [
         (f"{mm(after)} mm", "held-out error, 3D RMS"),
         (f"{mm(before)} mm", "the same before calibration"),
-        (f"{mm(COVERAGE * found.corrected)} mm", f"U of a corrected {found.fit.account.quantity}, k = 2"),
+        (
+            f"{mm(found.fit.coverage * found.corrected)} mm",
+            f"U of a corrected {found.fit.account.quantity}, k = {found.fit.coverage:.3g}",
+        ),
     ]
     if c is None:
         return Verdict(Mark.LOOK, RESULTS["open"], conformity_words(c), tuple(numbers))
@@ -105,7 +108,8 @@ def _errors(found: Certificate) -> tuple[Block, ...]:
 def _parameters(found: Certificate) -> ReportTable:
     """Each parameter with its expanded uncertainty, and the stiffness where there is one."""
     rows = [parameter_row(q) for q in found.quantities]
-    header = ["parameter", "value ± U (k = 2)", "stiffness ± U (k = 2)", "remark"]
+    k = f"k = {found.fit.coverage:.3g}"
+    header = ["parameter", f"value ± U ({k})", f"stiffness ± U ({k})", "remark"]
     kept = [k for k in range(4) if k != 2 or any(row[2] for row in rows)]
     return ReportTable(tuple(header[k] for k in kept), tuple(tuple(row[k] for k in kept) for row in rows))
 
@@ -116,7 +120,7 @@ def _budget(found: Certificate) -> tuple[Block, ...]:
     rows = tuple((*SOURCES[s.source], mm(s.standard, 4), f"{100 * s.standard**2 / whole:.0f} %") for s in found.budget)
     said = (
         f"A corrected {found.fit.account.quantity}, without the instrument that checks it: "
-        f"U = {mm(COVERAGE * found.corrected)} mm in space, k = 2 (about 95 %)."
+        f"U = {mm(found.fit.coverage * found.corrected)} mm in space, k = {found.fit.coverage:.3g} (about 95 %)."
     )
     return (ReportTable(("source", "known from", "standard, mm", "share"), rows, said),)
 

@@ -23,6 +23,7 @@ from qsframework.report.fit_plots import (
 from qsframework.report.moved_section import moved_table, moved_words
 from qsframework.report.numbers import MATRIX
 from qsframework.report.words.fit import STATES, alignment_words, first_words, listed_names, verdict_words
+from qsframework.report.words.noise import SOURCE
 from qsframework.report.words.sizes import (
     number,
     shown_number,
@@ -48,12 +49,13 @@ def fit_table(fit: Fit, truth: dict[str, float] | None = None, brief: bool = Fal
     states = {e.state: STATES[e.state] for e in fit.estimates if e.state in STATES}
     legend = "".join(f" {state.value.capitalize()}: {words}." for state, words in states.items())
     held = any(e.held for e in fit.estimates)
-    shared = f"; shared by all markers of a pose: {fit.shared_sd * 1e3:.4f} mm, estimated" if fit.shared_sd else ""
+    known = "stated" if fit.shared_p is None else "estimated"
+    shared = f"; shared by all markers of a pose: {fit.shared_sd * 1e3:.4f} mm, {known}" if fit.shared_sd else ""
     return ReportTable(
         tuple(cells),
         tuple(zip(*cells.values(), strict=True)),
         f"Method: {fit.method}, {'linear model' if fit.linear else 'full equilibrium'}. {_total(fit)}"
-        f"Noise of one coordinate: {fit.sigma * 1e3:.4f} mm, {fit.sigma_source}{shared}.{legend}"
+        f"Noise of one coordinate: {fit.sigma * 1e3:.4f} mm, {SOURCE[fit.sigma_source]}{shared}.{legend}"
         + (" Geometry and markers are held weakly near their nominal values." if held else ""),
     )
 

@@ -17,7 +17,7 @@ from qsframework.design.symmetry import flips_wrist
 from qsframework.design.task import white_basis
 from qsframework.errors import InputError, NotCertified, NotIdentifiable
 from qsframework.experiment import Experiment
-from qsframework.experiment.setup import StatedNoise
+from qsframework.experiment.noise import NoiseModel
 from qsframework.plugin import Array, Poses
 from qsframework.plugin.facts import frozen
 
@@ -95,7 +95,7 @@ def test_experiments_that_cannot_be_designed_for(m900ib: Experiment, few: Array)
     with pytest.raises(InputError, match="a design needs `loads`"):
         design(m900ib.with_(loads=()), 8, candidates=few)
     with pytest.raises(InputError, match="a design needs the noise"):
-        design(m900ib.with_(noise=StatedNoise(None)), 8, candidates=few)
+        design(m900ib.with_(noise=NoiseModel(None)), 8, candidates=few)
     broken = np.array(few)
     broken[[2, 5], 1] = np.nan
     with pytest.raises(InputError, match="angles that are not numbers: rows 2, 5"):

@@ -21,7 +21,7 @@ from qsframework.experiment import (
     simulate,
     write_readings,
 )
-from qsframework.experiment.setup import StatedNoise
+from qsframework.experiment.noise import NoiseModel
 from qsframework.identify import identify
 from qsframework.report.extended import extension_of, write_extended
 from tests.diagnose.cases import SIGMA, campaign, candidates, day_of_positions, diagnosed, hardened, measured, quiet
@@ -100,7 +100,7 @@ def test_sigmas_of_rows_become_the_true_ones(stated: float | None, tmp_path: Pat
     readings = measured(seed=2, count=24)
     path = tmp_path / "readings.csv"
     write_readings(path, with_sigma(readings, SIGMA / 3.0), campaign())
-    experiment = campaign().with_(noise=StatedNoise(stated))
+    experiment = campaign().with_(noise=NoiseModel(stated))
     found = diagnose(experiment, read_readings(path, experiment), repeats=1)
     assert found.audit.unit_source != "stated"
     assert audited_of(found).factor == pytest.approx(3.0, rel=0.15)

@@ -207,7 +207,7 @@ def test_poses_are_a_batch_that_can_be_taken_apart() -> None:
 
 
 def test_a_size_that_settles_nowhere_stays_where_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
-    bench = Bench(campaign(), poses(2, 4), SIGMA)
+    bench = Bench(campaign(), poses(2, 4), Independent(np.array([SIGMA])))
     cause: Any = SimpleNamespace(names=("x",))
     monkeypatch.setattr(Bench, "shown", lambda *a: None)
     assert bench.size_for(cause, 0, np.eye(3), 2e-7, 5.0) == 2e-7
@@ -219,7 +219,7 @@ def test_a_size_that_settles_nowhere_stays_where_it_was(monkeypatch: pytest.Monk
 
 def test_a_load_that_no_equilibrium_bears_shows_nothing() -> None:
     heavy = poses(2, 2)
-    bench = Bench(campaign(), replace(heavy, wrench=frozen(heavy.wrench * 1e6)), SIGMA)
+    bench = Bench(campaign(), replace(heavy, wrench=frozen(heavy.wrench * 1e6)), Independent(np.array([SIGMA])))
     assert bench.bare is None
 
 

@@ -17,6 +17,7 @@ from qsframework.diagnose.power import (
     threshold,
 )
 from qsframework.errors import InputError, NotIdentifiable
+from qsframework.estimation import Independent
 from qsframework.experiment import example, load_experiment
 from qsframework.hypotheses.catalogue.causes import find_causes, widened
 from qsframework.hypotheses.search.family_test import log_p_values
@@ -151,10 +152,10 @@ def test_sizes_are_said_in_the_units_of_the_trade(foresight):
 
 
 def test_needs_the_noise_and_the_fitted_parameters(experiment):
-    from qsframework.experiment import StatedNoise
+    from qsframework.experiment import NoiseModel
 
     with pytest.raises(InputError, match="noise"):
-        forecast(experiment.with_(noise=StatedNoise(None)), some_poses(experiment, 10))
+        forecast(experiment.with_(noise=NoiseModel(None)), some_poses(experiment, 10))
     with pytest.raises(NotIdentifiable):
         forecast(experiment, some_poses(experiment, 10).take(np.zeros(1, dtype=int)))
 
@@ -209,7 +210,7 @@ def test_the_bench_finds_sizes_of_curved_laws(experiment, laboratory):
     case = laboratory[0]
     i = [c.name for c in case.causes].index("joint_backlash[joint_2]")
     cause, subspace = case.causes[i], case.subspaces()[i]
-    bench = Bench(experiment, some_poses(experiment, 40), SIGMA)
+    bench = Bench(experiment, some_poses(experiment, 40), case.noise)
     size = bench.size_for(cause, 0, subspace.Q, cause.sizes[0], 3.0)
     assert bench.shown(cause, 0, subspace.Q, size) == pytest.approx(3.0, rel=0.011)
     bench.shown = lambda cause, j, Q, size: 5.0 * size / (1.0 + size)
@@ -229,7 +230,7 @@ def test_a_size_under_which_the_arm_does_not_settle_shows_nothing(experiment):
     cause = next(
         c for c in find_causes(experiment, experiment.fit_names(), poses)[0] if c.name == "link_compliance[link_2/ry]"
     )
-    bench, Q = Bench(experiment, poses, SIGMA), np.eye(6 * 3 * len(experiment.markers))
+    bench, Q = Bench(experiment, poses, Independent(np.array([SIGMA]))), np.eye(6 * 3 * len(experiment.markers))
     model = widened(experiment.model(), [cause])
     expected = np.linalg.norm(model.sensitivity(poses, names=cause.names, linear=True)) * cause.sizes[0] / SIGMA
     assert bench.shown(cause, 0, Q, cause.sizes[0]) == pytest.approx(expected, rel=0.1)

@@ -34,7 +34,7 @@ def linear() -> tuple[Case, tuple[Subspace, ...]]:
     experiment = campaign()
     planned = poses(3)
     causes, _ = find_causes(experiment, experiment.fit_names(), planned)
-    case = plan_case(experiment, planned, experiment.fit_names(), causes, SIGMA)
+    case = plan_case(experiment, planned, experiment.fit_names(), causes)
     return case, case.subspaces()
 
 

@@ -16,7 +16,7 @@ from qsframework.cli.diagnose import print_diagnosis
 from qsframework.diagnose import Diagnosis, diagnose
 from qsframework.diagnose.result import Leftover, NamedCause, Status
 from qsframework.experiment import differences
-from qsframework.experiment.setup import StatedNoise
+from qsframework.experiment.noise import NoiseModel
 from qsframework.hypotheses.catalogue.law import Law, LikelyPlace
 from qsframework.report.diagnosis_section import diagnosis_sections
 from qsframework.report.diagnosis_tables import (
@@ -240,7 +240,7 @@ def test_one_marker_a_visit_is_said_with_what_it_hides(real: Diagnosis) -> None:
     (step, *_) = next_steps(real)
     assert step.do.startswith("Repeat 6 poses, such as ")
     assert step.do.endswith(", or read more markers at each")
-    stated = replace(real, experiment=real.experiment.with_(noise=StatedNoise(3e-5, repeatability=5e-5)))
+    stated = replace(real, experiment=real.experiment.with_(noise=NoiseModel(3e-5, repeatability=5e-5)))
     assert not any("marker's own" in note for note in method_words(stated))
     assert not any("marker's own" in step.settles for step in next_steps(stated))
 

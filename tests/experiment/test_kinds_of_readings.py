@@ -318,7 +318,7 @@ def test_files_of_which_one_states_its_noise_are_not_mixed(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("noise", "words"),
     [
-        ("{sigma_mm: 0.03, gauge_sigma_mm: 0.01}", "give sigma_mm, or position_sigma_mm, displacement_sigma_mm and"),
+        ("{sigma_mm: 0.03, gauge_sigma_mm: 0.01}", "give sigma_mm, or position_sigma_mm .*, displacement_sigma_mm and"),
         ("{repeatability_mm: 0.01}", "needs sigma_mm"),
         ("{gauge_sigma_mm: 0}", "the noise must be positive"),
         ("{position_sigma: 0.1}", "position_sigma_mm"),

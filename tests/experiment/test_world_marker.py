@@ -47,7 +47,7 @@ def test_nothing_that_the_robot_does_moves_it(experiment: Experiment, poses: Pos
     assert not np.any(model.sensitivity(poses)[:, at])
     base, _ = find_causes(experiment, experiment.fit_names(), poses)
     stands = [c for c in base if c.name.startswith("base_compliance")]
-    case = plan_case(experiment, poses, experiment.fit_names(), stands, 3e-5)
+    case = plan_case(experiment, poses, experiment.fit_names(), stands)
     columns = np.stack([case.metres(i).reshape(len(poses), -1, 3) for i in range(len(stands))])
     foot = [m.name for m in experiment.markers].index("foot")
     assert np.any(columns[:, :, foot]), "a stand that gives moves the foot"

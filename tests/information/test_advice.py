@@ -12,7 +12,7 @@ from qsframework.errors import InputError, NotIdentifiable
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, load_experiment, make_plan, simulate
 from qsframework.experiment.examples import example
-from qsframework.experiment.setup import StatedNoise
+from qsframework.experiment.noise import NoiseModel
 from qsframework.identify import EstimateState, identify
 from qsframework.information import predicted_sd, sd_of_poses, what_would_help
 from qsframework.information.advice import load_share, spring_torques, unit_torques
@@ -139,8 +139,8 @@ def test_a_plan_that_tells_nothing_promises_nothing(m900ib: Experiment) -> None:
     sd = sd_of_poses(m900ib.model(), poses(m900ib, 0), ["joint_compliance[joint_1]"], 3e-5)
     assert np.isinf(sd).all()
     at = poses(m900ib, 1)
-    with pytest.raises(InputError, match="a predicted uncertainty needs the noise"):
-        predicted_sd(m900ib.with_(noise=StatedNoise(None)), make_plan(at, ["pull"] * len(at)))
+    with pytest.raises(InputError, match="a displacement needs its noise"):
+        predicted_sd(m900ib.with_(noise=NoiseModel(None)), make_plan(at, ["pull"] * len(at)))
 
 
 def test_a_free_length_without_a_stiffness_is_told_why(m900ib: Experiment) -> None:

@@ -14,8 +14,9 @@ from qsframework.design.candidates import generate_candidates
 from qsframework.diagnose import Diagnosis, diagnose
 from qsframework.elastostatics import make_model
 from qsframework.experiment import Experiment, Readings, example, load_experiment, make_plan, simulate
+from qsframework.experiment.noise import NoiseModel
 from qsframework.experiment.readings import UNSTATED
-from qsframework.experiment.setup import LoadCase, StatedNoise
+from qsframework.experiment.setup import LoadCase
 from qsframework.plugin import Array, Effect, Parameter, Poses, build_effects
 from qsframework.plugin.facts import frozen
 
@@ -163,4 +164,4 @@ def with_effects(experiment: Experiment, effects: Sequence[Effect], fit: Sequenc
 
 def noisy(experiment: Experiment, sigma: float | None) -> Experiment:
     """The campaign with another noise; None: to be estimated."""
-    return experiment.with_(noise=StatedNoise(sigma))
+    return experiment.with_(noise=NoiseModel(sigma))

@@ -18,7 +18,7 @@ from qsframework.experiment import (
     on_robot,
     simulate,
 )
-from qsframework.experiment.setup import StatedNoise
+from qsframework.experiment.noise import NoiseModel
 from qsframework.plugin import Poses, find
 from qsframework.report.extended import extension_of
 from qsframework.report.words.diagnosis import diagnosis_words
@@ -32,7 +32,7 @@ PULL = np.array([0.0, 800.0, -3000.0, 0.0, 0.0, 0.0])
 
 
 def campaign(name: str) -> Experiment:
-    return load_experiment(example(name) / "experiment.yaml").with_(noise=StatedNoise(3e-5))
+    return load_experiment(example(name) / "experiment.yaml").with_(noise=NoiseModel(3e-5))
 
 
 def as_measured(experiment: Experiment, structure: str, seed: int = 3) -> Readings:

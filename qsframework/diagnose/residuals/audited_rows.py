@@ -106,7 +106,7 @@ def visit_noise(rows: ReadingRows) -> VisitNoise:
     """
     own, typical = _visits(rows), _typical(rows)
     known = rows.readings.repeatability if rows.stated else None
-    rhos = np.array([known / typical]) if known else np.array(RHOS[:1] if lone_visits(rows) else RHOS)
+    rhos = np.array([known / typical]) if known else np.array(RHOS[:1] if rows.lone_visits else RHOS)
     noises = tuple(rows.sharing(float(rho) * typical).padded_noise for rho in rhos)
     return VisitNoise(rhos, noises, len(own), float(own.mean()) if len(own) else 1.0)
 
@@ -121,11 +121,6 @@ def bic(rows: ReadingRows, fit: SettledFit, at: Indices | None = None) -> float:
         for noise in visit_noise(rows).noises
     )
     return min(costs) + fit.jacobian.shape[1] * float(np.log(count))
-
-
-def lone_visits(rows: ReadingRows) -> bool:
-    """Whether no two readings share a visit and an axis."""
-    return bool(_visits(rows).max(initial=0) < 2)
 
 
 def _visits(rows: ReadingRows) -> Indices:

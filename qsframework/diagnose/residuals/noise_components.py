@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from qsframework.estimation import LinearFit, Noise, grouped
+from qsframework.estimation.axis_noise import AxisNoise
 from qsframework.estimation.projection import Flags
 from qsframework.estimation.tails import chi2_cdf, chi2_sf, f_sf
 from qsframework.estimation.variance_component import variance_component
@@ -38,7 +39,8 @@ class NoiseAudit:
     p_unit: of the stated sigma, two-sided, NaN where none is stated; shared: sd m of the error that the markers of a
     visit share, 0 where that is not significant; outliers: rows that were left out; heavy: p-value of normal tails;
     p_missing: of the model against the replicates, NaN without them; repeated: whether readings were repeated often
-    enough to tell; stated: whether somebody says its size
+    enough to tell; stated: whether somebody says its size; axes: how it differs by axis and
+    distance, None: it does not
     """
 
     unit: float
@@ -53,6 +55,7 @@ class NoiseAudit:
     p_missing: float
     repeated: bool
     stated: bool
+    axes: AxisNoise | None = None
 
     @property
     def refuted(self) -> bool:
@@ -93,6 +96,7 @@ def audit_noise(
     shared: float,
     outliers: Indices,
     mask: Flags | None = None,
+    axes: AxisNoise | None = None,
 ) -> NoiseAudit:
     """Audit residuals `white` (R, 3) of the final model, whitened by sigma (R,) m, beside its columns (R, 3, q).
 
@@ -118,6 +122,7 @@ def audit_noise(
         p_missing=p_missing,
         repeated=pure_dof(replicate, mask) >= FEWEST,
         stated=stated,
+        axes=axes,
     )
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from qsframework.applications.certificate import COVERAGE, Certificate, Conformity
+from qsframework.applications.certificate import Certificate, Conformity
 from qsframework.errors import some_of
+from qsframework.identify.record import COVERAGE
+from qsframework.report.words.noise import SOURCE
 from qsframework.report.words.sizes import mm
 
 SOURCES = {
@@ -54,7 +56,7 @@ def conformity_words(c: Conformity | None) -> str:
 def assumed_words(found: Certificate) -> list[str]:
     """What was taken as known."""
     out = [f"The model is {'the linear one' if found.fit.linear else 'the full equilibrium of arm, springs and load'}."]
-    out.append(f"The noise of one coordinate, {mm(found.fit.sigma, 4)} mm, is {found.fit.sigma_source}.")
+    out.append(f"The noise of one coordinate, {mm(found.fit.sigma, 4)} mm, is {SOURCE[found.fit.sigma_source]}.")
     if found.kept:
         out.append(f"Kept at their nominal values, without an uncertainty of their own: {some_of(found.kept)}.")
     if found.fit.total_covariance is None:

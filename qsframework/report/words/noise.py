@@ -6,6 +6,15 @@ import numpy as np
 
 from qsframework.diagnose.residuals.lack_of_fit import LackOfFit, Trend
 from qsframework.diagnose.residuals.noise_components import LEVEL, NoiseAudit
+from qsframework.estimation.axis_noise import axis_words
+
+SOURCE = {
+    "stated": "stated",
+    "repeats": "from repeats",
+    "data sheet": "from the data sheet of the instrument",
+    "estimated": "estimated",
+}
+"""Where the size of a noise is from."""
 
 
 def audit_words(audit: NoiseAudit, rows: bool = True) -> tuple[str, ...]:
@@ -15,6 +24,8 @@ def audit_words(audit: NoiseAudit, rows: bool = True) -> tuple[str, ...]:
         count = len(audit.outliers)
         many = f"{count} rows are outliers and are not used."
         said.append(many if count > 1 else "1 row is an outlier and is not used.")
+    if audit.axes is not None:
+        said.append(f"{axis_words(audit.axes)}: the instrument's, and counted so.")
     if audit.p_shared < LEVEL:
         size = f"{audit.shared * 1e3:.4f} mm a coordinate (p = {audit.p_shared:.2g})"
         why = "the robot's repeatability"
