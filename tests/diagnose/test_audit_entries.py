@@ -39,7 +39,7 @@ def test_identify_on_the_extended_folder_agrees_with_the_diagnosis(real: Diagnos
     """The noise is the audited one, and the row that the audit took out stays out: errors held out are the same."""
     assert len(real.outliers)
     pulls = real.readings.poses.take(np.flatnonzero(real.readings.states.loaded))
-    with pytest.raises(InputError, match="a simulation needs the noise"):
+    with pytest.raises(InputError, match="a displacement needs its noise"):
         simulate(real.experiment, make_plan(pulls, ["load"] * len(pulls)))
     write_extended(real, tmp_path / "out")
     again = load_experiment(tmp_path / "out" / "experiment.yaml")
