@@ -79,7 +79,7 @@ def _in_axes(
     e = np.einsum("rij,rj->ri", turned, fit.white.reshape(-1, 3)[whole])
     lever = turned @ fit.Q.reshape(len(axes), 3, -1)[whole]
     free = len(whole) - np.square(lever).sum(axis=(0, 2))
-    if free.min() < _LEAST:
+    if free.min() < _LEAST or np.linalg.matrix_rank(e) < 3:
         return None
     own, count = far[whole], float(free.mean())
 

@@ -364,7 +364,9 @@ def _fit_of(experiment: Experiment, found: Found, options: FitOptions) -> Fit:
     fit, least = LinearFit(solution.hat, white, noise, rows.stated), seen.observations().least
     plain = float(np.sqrt(fit.chi2 / fit.dof))
     unit = 1.0 if rows.stated else max(plain if solution.unit is None else solution.unit, least)
-    covariance, about_noise = _by_axis(rows, fit, solution, found.covariance)
+    covariance, about_noise = found.covariance, ()
+    if rows.stated or unit > least:  # else there is no noise
+        covariance, about_noise = _by_axis(rows, fit, solution, found.covariance)
     covariance = covariance * unit**2
     x, frames = seen.values(solution.x), seen.moved(solution.x)
     sigma = float(np.sqrt(np.mean(np.square(rows.flat(rows.sigma)))))
