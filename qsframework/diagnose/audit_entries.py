@@ -71,7 +71,7 @@ def noise_entry(stated: NoiseModel, audited: Audited) -> dict[str, float | str]:
     factor."""
     found = stated.scaled(audited.factor, audited.source)
     if not stated.apart:
-        found = replace(found, sigma=audited.sigma)
+        found = replace(found, sigma=audited.sigma, repeatability=None)  # which that sd holds
     return found.entry()
 
 

@@ -11,6 +11,7 @@ import pytest
 from qsframework.design.candidates import generate_candidates
 from qsframework.design.options import DesignOptions
 from qsframework.design.problem import make_problem
+from qsframework.diagnose.audit_entries import Audited, noise_entry
 from qsframework.errors import InputError
 from qsframework.estimation import LinearFit, orthonormal
 from qsframework.estimation.axis_noise import LEVEL, axis_noise
@@ -94,6 +95,17 @@ def test_estimated_sizes_weigh_readings_and_are_estimated_again(tmp_path: Path) 
         "repeatability_mm": pytest.approx(0.01),
         "source": "estimated",
     }
+
+
+def test_an_extension_counts_what_visits_share_once() -> None:
+    """The sd that an audit found holds it; where each kind has its own, it is scaled as they are."""
+    audited = Audited(sigma=6e-5, factor=2.0)
+    assert noise_entry(NoiseModel(3e-5, repeatability=2e-5), audited) == {
+        "sigma_mm": pytest.approx(0.06),
+        "source": "estimated",
+    }
+    apart = noise_entry(NoiseModel(None, position=3e-5, repeatability=2e-5), audited)
+    assert apart["repeatability_mm"] == pytest.approx(0.04)
 
 
 def test_what_is_stated_is_compared_with_what_is_found(tmp_path: Path) -> None:
