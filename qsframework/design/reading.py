@@ -15,6 +15,7 @@ import numpy as np
 from qsframework.elastostatics.so3 import cross_matrix
 from qsframework.errors import InputError, NotConverged
 from qsframework.estimation import scales
+from qsframework.estimation.noise import inverse_roots
 from qsframework.experiment import Experiment, LoadCase
 from qsframework.experiment.noise import gauge_sigma, require_position_noise
 from qsframework.experiment.stations import Station
@@ -118,7 +119,7 @@ class CandidateReading:
                 kind = "position" if case.of_positions else "displacement"
                 covariance = noise.covariances(kind, there[rows].reshape(-1, 3))
                 assert covariance is not None  # or there is no plan: `require_noise`
-                root = _inverse_root(covariance + nest).reshape(-1, len(places[0]), 3, 3)
+                root = inverse_roots(covariance + nest)[0].reshape(-1, len(places[0]), 3, 3)
                 out[own[rows]] = seen[rows, :, None, None] * root
         axial = noise.of_beam("position") or noise.of_beam("displacement")
         return out if axial else out[:, :, 0, 0]
@@ -158,12 +159,6 @@ class CandidateReading:
                 require_position_noise(self.experiment, stations)
         if any(load.of_positions for load in self.loads):
             require_position_noise(self.experiment, stations)
-
-
-def _inverse_root(covariance: Array) -> Array:
-    """C^-1/2 (n, 3, 3) of covariances."""
-    values, vectors = np.linalg.eigh(covariance)
-    return (vectors / np.sqrt(values)[:, None, :]) @ vectors.transpose(0, 2, 1)
 
 
 def _less_shared(white: Array, shared: Array) -> Array:

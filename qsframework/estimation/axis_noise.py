@@ -7,7 +7,7 @@ is E, the mean of e e' (d / d0)^(-2 g) / (1 - h).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,8 +57,7 @@ def axis_noise(
     known = whole[np.isfinite(distance[whole])]
     if len(known):
         far[known] = 2.0 * (np.log(distance[known]) - np.log(distance[known]).mean())
-    found = [_in_axes(fit, axes, whole, far, aligned) for axes in systems for aligned in (True, False)]
-    told = [one for one in found if one is not None]
+    told = [one for axes in systems for one in _in_axes(fit, axes, whole, far)]
     if not told:
         return None
     p, axes, E, growth = min(told, key=lambda one: one[0])
@@ -69,22 +68,30 @@ def axis_noise(
 
 
 def _in_axes(
-    fit: LinearFit, axes: Array, whole: npt.NDArray[np.intp], far: Array, aligned: bool
-) -> tuple[float, Array, Array, float] | None:
-    """What speaks for a covariance in axes that rows share, along these alone where `aligned`: the p-value of none, the
+    fit: LinearFit, axes: Array, whole: npt.NDArray[np.intp], far: Array
+) -> Iterator[tuple[float, Array, Array, float]]:
+    """What speaks for a covariance in axes that rows share, along these alone and in all: the p-value of none, the
     axes, the covariance and the power of the distance."""
-    from scipy.optimize import minimize_scalar
-
     turned = axes[whole]
     e = np.einsum("rij,rj->ri", turned, fit.white.reshape(-1, 3)[whole])
     lever = turned @ fit.Q.reshape(len(axes), 3, -1)[whole]
     free = len(whole) - np.square(lever).sum(axis=(0, 2))
-    if free.min() < _LEAST or np.linalg.matrix_rank(e) < 3:
-        return None
-    own, count = far[whole], float(free.mean())
+    if free.min() >= _LEAST and np.linalg.matrix_rank(e) == 3:
+        for aligned in (True, False):
+            p, E, growth = _likeliest(e, free, far[whole], aligned)
+            yield p, axes, E, growth
+
+
+def _likeliest(e: Array, free: Array, own: Array, aligned: bool) -> tuple[float, Array, float]:
+    """The p-value of errors e (n, 3) alike, their covariance, with three numbers where `aligned`, and the power of the
+    distance; free (3,): degrees of freedom, own (n,): twice the logarithm of the distance, of mean 0."""
+    from scipy.optimize import minimize_scalar
+
+    count = float(free.mean())
 
     def covariance(growth: float) -> Array:
-        E = (e * np.exp(-growth * own / 2.0)[:, None]).T @ (e * np.exp(-growth * own / 2.0)[:, None])
+        near = e * np.exp(-growth * own / 2.0)[:, None]
+        E = near.T @ near
         return (np.diag(np.diag(E)) if aligned else E) / np.sqrt(np.outer(free, free))
 
     def deviance(growth: float) -> float:
@@ -96,4 +103,4 @@ def _in_axes(
         growth = float(minimize_scalar(deviance, bounds=(0.0, _STEEPEST), method="bounded").x)
     gain = 3.0 * count * float(np.log(np.trace(covariance(0.0)) / 3.0)) - deviance(growth)
     freedom = (2 if aligned else 5) + grows
-    return float(chi2_sf(max(gain, 0.0), freedom)), axes, covariance(growth), growth
+    return float(chi2_sf(max(gain, 0.0), freedom)), covariance(growth), growth

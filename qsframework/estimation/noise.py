@@ -174,12 +174,19 @@ def grouped(sigma: Array, groups: Sequence[Group]) -> Independent | Blocks:
     parts: list[tuple[Indices, Array]] = []
     for size in np.unique(counts):
         rows = order[first[counts == size][:, None] + np.arange(size)]
-        # the symmetric root: whitened readings do not depend on the order of the rows, as those by Cholesky's do
-        values, vectors = np.linalg.eigh(_covariance(sigma, groups, rows))
-        logarithm += float(np.log(values).sum())
-        inverse: Array = (vectors / np.sqrt(values)[:, None, :]) @ vectors.transpose(0, 2, 1)
+        inverse, log_det = inverse_roots(_covariance(sigma, groups, rows))
+        logarithm += log_det
         parts.append((rows, inverse))
     return Blocks(tuple(parts), logarithm)
+
+
+def inverse_roots(covariances: Array) -> tuple[Array, float]:
+    """C^-1/2 (B, s, s) of covariances, and the sum of their log det.
+
+    The symmetric root: whitened readings do not depend on the order of the rows, as those by Cholesky's do.
+    """
+    values, vectors = np.linalg.eigh(covariances)
+    return (vectors / np.sqrt(values)[:, None, :]) @ vectors.transpose(0, 2, 1), float(np.log(values).sum())
 
 
 def _covariance(sigma: Array, groups: Sequence[Group], rows: Indices) -> Array:
