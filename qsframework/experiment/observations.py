@@ -406,8 +406,9 @@ class ReadingRows:
         for f, frame in zip(self.estimated, identity, strict=True):
             name = self.readings.frames[f]
             if frame.touched:
-                off = (self.measured - there)[counts & (self.frame == f)][:, : frame.freedom].mean(axis=0)
-                out.append(frame.moved(-off))
+                own = self.frame == f
+                own = counts & own if (counts & own).any() else own  # of which no row counts, it is where they lie
+                out.append(frame.moved(-(self.measured - there)[own][:, : frame.freedom].mean(axis=0)))
                 continue
             rows = np.flatnonzero(counts & (self.frame == f) & np.isfinite(self.measured).all(axis=1))
             absolute = rows[self.minus[rows] < 0]

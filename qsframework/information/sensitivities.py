@@ -9,6 +9,7 @@ import numpy as np
 from qsframework.elastostatics import Model
 from qsframework.estimation import left, orthonormal, rank_test, scales
 from qsframework.experiment import Experiment, Plan, Readings, make_rows
+from qsframework.experiment.frames import motion_count
 from qsframework.experiment.observations import start_values
 from qsframework.experiment.readings import UNSTATED
 from qsframework.experiment.simulate import planned_readings
@@ -74,7 +75,7 @@ def readings_columns(
     unit = 1.0 if experiment.noise.known else UNSTATED
     found = rows.start(model, x) if frames else [station_frame(experiment, readings.frames[f]) for f in rows.estimated]
     white = rows.noise.whiten(rows.flat(rows.rates(model, x, found, names)[1])) * unit
-    k = 6 * len(found)
+    k = motion_count(found)
     return left(orthonormal(white[:, :k]), white[:, k:] * scales([model.parameters[i] for i in model.index(names)]))
 
 

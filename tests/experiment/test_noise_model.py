@@ -10,7 +10,7 @@ import pytest
 
 from qsframework.design.candidates import generate_candidates
 from qsframework.design.options import DesignOptions
-from qsframework.design.problem import make_problem
+from qsframework.design.problem import joint_sd, make_problem
 from qsframework.diagnose.audit_entries import Audited, noise_entry
 from qsframework.errors import InputError
 from qsframework.estimation import LinearFit, orthonormal
@@ -210,3 +210,24 @@ def test_options_of_a_design_with_a_beam_run(tmp_path: Path) -> None:
     sd = predicted_sd(arm, plan)
     fit = identify(arm, simulate(arm, plan, seed=1).readings)
     assert fit.sd == pytest.approx(sd, rel=0.02)
+
+
+def test_points_touched_at_single_poses_promise_as_much_as_fits_know(tmp_path: Path) -> None:
+    """Each point is touched in two states: three numbers of it are estimated, and not the six of a frame."""
+    arm = small_arm(tmp_path)
+    plan = small_plan(arm, 4)
+    turned = np.rad2deg(plan.poses.pendant)
+    rows = ["pose,q1_deg,q2_deg,q3_deg,fx_N,fy_N,fz_N,marker,state,x_mm,y_mm,z_mm,point"]
+    for i, (q, wrench) in enumerate(zip(turned, plan.wrench, strict=True)):
+        for state, load in (("unloaded", [""] * 3), ("loaded", [f"{v}" for v in wrench[:3]])):
+            cells = [f"p{i}", *(f"{a}" for a in q), *load, "m1", state, "0", "0", "0", f"at_{i}"]
+            rows.append(",".join(cells))
+    (tmp_path / "touched.csv").write_text("\n".join(rows) + "\n")
+    readings = read_readings(tmp_path / "touched.csv", arm, "positions")
+    seen = make_rows(readings)
+    exact = np.array(readings.value)
+    exact[seen.keep] = seen.predict(arm.model(), arm.model().nominal, seen.start(arm.model(), arm.model().nominal))
+    fit = identify(arm, readings.with_values(exact))
+    assert joint_sd(arm, [readings]) == pytest.approx(fit.sd[[fit.names.index(n) for n in arm.fit_names()]], rel=0.02)
+    nowhere = seen.nearest(seen.positions(arm.model(), arm.model().nominal, True), np.zeros(len(seen.keep), dtype=bool))
+    assert np.isfinite([frame.origin for frame in nowhere]).all(), "a point of which no row counts"
