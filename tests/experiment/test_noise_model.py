@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from qsframework.applications.importers.importing import import_readings
 from qsframework.design.candidates import generate_candidates
 from qsframework.design.options import DesignOptions
 from qsframework.design.problem import joint_sd, make_problem
@@ -23,6 +24,7 @@ from qsframework.identify import identify
 from qsframework.information import predicted_sd
 from qsframework.information.sensitivities import plan_columns
 from qsframework.plugin import Array
+from qsframework.report.words.imports import import_words
 from tests.calibration.small_arm import LOADS, small_arm, small_plan
 
 STATION = "stations: {front: {xyz_mm: [4000, 500, 300]}}"
@@ -191,6 +193,7 @@ def test_reads_one_after_the_other_are_of_one_visit_unless_the_file_says_otherwi
     assert table(tmp_path, arm, "time_s", ["0", "10", "110", "210"], "240") == 4, "30 s were enough to move on"
     (said,) = read_readings(tmp_path / "t.csv", arm).about_reads
     assert said.startswith("1 rows are further reads")
+    assert import_words(import_readings(arm, [tmp_path / "t.csv"]))[-1] == said
 
 
 def test_copies_are_no_reads(tmp_path: Path) -> None:

@@ -87,7 +87,7 @@ def import_words(found: Imported) -> tuple[str, ...]:
     said = [_file_words(listing) for listing in found.files]
     said += [_sheet_words(sheet) + "one of our own tables, written anew" for sheet in found.sheets]
     if not found.points:
-        return tuple(said)
+        return (*said, *found.readings.about_reads)
     slots = [p.slot for p in found.points if p.slot is not None]
     loaded = sum(s.loaded for s in slots)
     poses = len({s.pose for s in slots})
@@ -107,7 +107,7 @@ def import_words(found: Imported) -> tuple[str, ...]:
         said.append(
             f"{len(found.missing)} readings of the plan have no point: {_few([label(s) for s in found.missing])}"
         )
-    return (*said, *_placed_words(found))
+    return (*said, *_placed_words(found), *found.readings.about_reads)
 
 
 def _few(names: Sequence[str]) -> str:
