@@ -230,7 +230,7 @@ def named(robot: str, of: tuple[str, int]) -> list[str]:
             sd = 1e-5 * np.tile(np.linalg.norm(places, axis=1)[:, None], (1, 3))
         readings = exact.with_values(exact.value + sd * rng.standard_normal(exact.value.shape))
         told = diagnose(experiment, replace(readings, stated=False))
-    return [] if told.verdict == "none" else [told.verdict, *(f.cause.id for f in told.findings)]
+    return [] if told.verdict == "none" else [told.verdict, *(f.name for f in told.findings)]
 
 
 NULLS = ("by axis, .5 : .8 : 1.45", "grows with the distance")
@@ -274,8 +274,11 @@ def main() -> None:
     parser.add_argument("--write", action="store_true")
     a = parser.parse_args()
     sizes = (40, 2, ARMS[-1:]) if a.quick else (a.campaigns, a.nulls, ARMS)
-    text = "\n\n".join(tables(*sizes, Work(jobs=a.jobs)))
-    print(text)
+    parts = list[str]()
+    for one in tables(*sizes, Work(jobs=a.jobs)):
+        print(one, flush=True)
+        parts.append(one)
+    text = "\n\n".join(parts)
     if a.write and not a.quick:
         replace_between(PAGE, START, STOP, shelved(text, "stated noise"))
 

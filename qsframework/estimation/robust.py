@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,6 +37,21 @@ class Loss:
         if self.name == "huber":
             return np.minimum(1.0, k / np.maximum(np.abs(r), 1e-300))
         return 1.0 / np.sqrt(1.0 + (r / k) ** 2) if self.name == "soft_l1" else np.ones_like(r)
+
+    def of_squares(self, readings: int) -> str | Callable[[Array], Array]:
+        """The loss as SciPy asks for it, of squared residuals (m,): rho and its two derivatives (3, m), the first rows
+        being readings and the others plain squares."""
+        if self.name == "linear":
+            return "linear"
+
+        def rho(squares: Array) -> Array:
+            r, rest = np.sqrt(squares[:readings]), squares[readings:]
+            weight, slope = self.weights(r), self.slope(r)
+            bend = (slope - weight) / np.maximum(2.0 * squares[:readings], 1e-300)
+            own = np.stack([self.rho(r), weight, bend])
+            return np.hstack([own, np.stack([rest, np.ones(len(rest)), np.zeros(len(rest))])])
+
+        return rho
 
     def slope(self, r: Array) -> Array:
         """d (weight r) / d r (m,)."""

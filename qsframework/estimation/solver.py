@@ -1,14 +1,11 @@
-"""The one iteration of least squares: Levenberg-Marquardt on scaled variables with exact active bounds.
-
-Each step solves the linearised problem within its bounds exactly, so that a linear problem is solved in one step and a
-parameter at a bound stands on it to the last digit.
-"""
+"""Nonlinear least squares of readings, by SciPy: on whitened residuals and scaled variables, within their bounds."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import lru_cache
+from itertools import count
 
 import numpy as np
 
@@ -23,32 +20,17 @@ from qsframework.estimation.robust import Loss
 from qsframework.plugin import Array
 
 _STEPS = 200
-_LAPS = 10
-"""Steps in which a descent must lower what a step predicts to _LESS of it, or the cost by _FALL of it: one that does
-neither goes to and fro over a kink of the model, or runs away, and 200 steps end no better."""
-_LESS = 0.75
-_FALL = 1e-2
-_DAMPINGS = 40
-_STOOD = 1e4
-"""Damping beyond which a step went nowhere: the next one is tried undamped again."""
+"""Predictions after which a descent is given up: one that converges takes some ten."""
 _SILENT = 25
-"""Trials without a finite prediction after which a fit is given up."""
-_BLUR = 1e-15
-"""What rounding leaves of a prediction, of the sum of its parts' sizes; a step that changes it by less is none."""
+"""Predictions that are not finite after which a fit is given up."""
+_STILL = 1e-12
+"""Relative change of the variables below which a step is rounding: no prediction has the digits to follow it."""
+_STUCK = 1e-2
+"""Share of the residuals that a step must promise for the end of a descent to be none: a hundredth of what is there."""
 _CURVED = 0.02
 """Relative change of the sensitivities over a parameter's spread above which other starts are tried."""
 _ALL_AT_ONCE = 0.25
 """Share of that, for a step of several parameters together, below which none of them is looked at by itself."""
-_NEAR = 0.3
-"""Sensitivities are not taken again after a step that changes the prediction by less than so many sds of a reading."""
-_SLOW = 0.05
-"""How much of the last step the next one may be before they are, all the same."""
-_IDLE = 4
-"""Steps in a row that promise no less than half of the one before: rounding is all that is left, if they promise less
-than the digits of the cost, or less than _SLOPES of the residuals."""
-_SLOPES = 1e-6
-"""What sensitivities err by where a law's own derivatives are taken by differences: of large residuals a step predicts
-so much over and over, and keeps nothing of it."""
 _TOGETHER = 60_000
 """Rows of which one triangular factor is taken at once."""
 _ROUNDS = 50
@@ -185,26 +167,15 @@ class _Problem:
             return np.full(len(o.measured), np.inf)
         return o.noise.whiten(o.measured - predicted)
 
-    def both(self, z: Array) -> tuple[Array, Array | None]:
-        """`residuals` and `whole`; without the latter where the model has no answer."""
-        o = self.observations
-        if o.rates is None:
-            r = self.residuals(z)
-            return r, self.whole(z) if np.all(np.isfinite(r)) else None
-        try:
-            predicted, J = o.rates(self.reduction.x(z))
-        except (NotConverged, InputError):
-            return np.full(len(o.measured), np.inf), None
-        return self._left(predicted), o.noise.whiten(J)
-
     def jacobian(self, z: Array) -> Array:
         """Whitened (m, q): d predicted / d z."""
         return self.whole(z) @ self.reduction.T
 
     def whole(self, z: Array) -> Array:
         """Whitened (m, p): d predicted / d x of all parameters."""
+        o = self.observations
         try:
-            return self.observations.noise.whiten(self.observations.jacobian(self.reduction.x(z)))
+            return o.noise.whiten(o.jacobian(self.reduction.x(z)))
         except (NotConverged, InputError) as error:
             raise NotConverged(f"{error}. Of what is fitted {_farthest(self, z)}") from error
 
@@ -299,140 +270,66 @@ class _Minimum:
     steps: int
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _State:
-    """Where a descent stands: z (q,), whitened residuals (m,), their cost, sensitivities J (m, q).
-
-    fresh: these were taken here, not at an earlier step; damping: of the next step; last_gain, last_moved: `gain` and
-    `moved` of the last step; idle: steps in a row of no less than half of the one before; silent: trials so far without
-    a finite prediction
-    """
-
-    problem: _Problem
-    z: Array
-    residuals: Array
-    cost: float
-    J: Array
-    fresh: bool = True
-    damping: float = 0.0
-    last_gain: float = np.inf
-    last_moved: float = np.inf
-    idle: int = 0
-    silent: int = 0
-
-    @cached_property
-    def linear(self) -> tuple[Array, Array]:
-        """The linear least squares A d = b (q + 1, q) of a step d from here, weighed by the loss, priors included: the
-        triangular factor of its rows."""
-        R = self.problem.triangle(self.z, self.residuals, self.J)
-        return R[:, :-1], R[:, -1]
-
-    @cached_property
-    def step(self) -> Array:
-        """The undamped step (q,): its solution within the bounds."""
-        return _bounded(*self.linear, self.z, self.problem.reduction, 0.0)
-
-    @cached_property
-    def gain(self) -> float:
-        """By how much that step is to change the residuals: the norm of A step."""
-        return float(np.linalg.norm(self.linear[0] @ self.step))
-
-    @property
-    def moved(self) -> float:
-        """The same in sds of a reading, by the root mean square of the residuals."""
-        unit = float(np.linalg.norm(self.linear[1])) / np.sqrt(len(self.residuals))
-        return self.gain / max(unit, 1e-300)
-
-    def stale(self, damping: float) -> bool:
-        """Whether sensitivities are no longer good after the step, with such damping of the next one."""
-        return self.moved > _NEAR or self.moved > _SLOW * self.last_moved or damping > 0.0
-
-    def seen(self, whole: Array | None = None) -> _State:
-        """The same state with sensitivities of its own; `whole`: where they are known."""
-        whole = self.problem.whole(self.z) if whole is None else whole
-        return replace(self, J=whole @ self.problem.reduction.T, fresh=True)
-
-
 def _descend(problem: _Problem, z: Array, tolerance: float) -> _Minimum:
-    """Levenberg-Marquardt from z; where it ends, sensitivities are those of that place."""
-    r, whole = problem.both(z)
-    if whole is None and np.all(np.isfinite(problem.residuals(z))):
-        whole = problem.whole(z)  # says what is wrong with sensitivities alone
-    if whole is None or not np.all(np.isfinite(r)):
+    """SciPy's trust region from z, the first step as long as the linear problem asks; it ends where a step gains less
+    than `tolerance` of the residuals, or than rounding."""
+    from scipy.optimize import least_squares
+
+    reduction = problem.reduction
+
+    @lru_cache(maxsize=1)
+    def whole(at: bytes) -> Array:
+        return problem.whole(np.frombuffer(at))
+
+    r, silent = problem.residuals(z), count()
+    if not np.all(np.isfinite(r)):
         raise NotConverged("the model has no finite prediction at the start of the fit: check the nominal values")
-    at = _State(problem=problem, z=z, residuals=r, cost=problem.cost(z, r), J=whole @ problem.reduction.T)
-    step, trace = 0, list[tuple[float, float]]()
-    for step in range(1, _STEPS + 1):
-        trace.append((at.gain, at.cost))
-        if not _settled(at, tolerance):
-            at = _stepped(at, step)
-        elif at.fresh:
-            final = np.clip(at.z + at.step, problem.reduction.lower, problem.reduction.upper)
-            r, whole = problem.both(final)
-            whole = problem.whole(final) if whole is None else whole
-            return _Minimum(problem.cost(final, r), final, r, whole, step)
-        else:
-            at = replace(at.seen(), damping=0.0)
-        far = np.any(np.abs(at.z) > FAR * np.maximum(problem.reduction.spread, 1.0))
-        if far or _goes_nowhere(trace, problem.digits()):
-            break
-    raise NotConverged(f"the fit did not settle in {step} steps: {_farthest(problem, at.z)}")
+    R = problem.triangle(z, r, whole(z.tobytes()) @ reduction.T)
+    step, size = _linear_step(R, z, reduction), np.linalg.norm(R[:, :-1], axis=0)
+    size = np.maximum(size, 1e-12 * size.max())
+    left = 0.5 * float(np.square(R[:, -1] - R[:, :-1] @ step).sum())
 
+    def residuals(at: Array) -> Array:
+        """Predicted minus measured, priors below."""
+        r = problem.residuals(at)
+        if not np.all(np.isfinite(r)) and next(silent) >= _SILENT:
+            raise _NoAnswer(f"the model has no answer where the fit leads: {_farthest(problem, at)}")
+        return -np.concatenate([r, problem.prior(at)[0]])
 
-def _goes_nowhere(trace: Sequence[tuple[float, float]], digits: float) -> bool:
-    """Whether the last steps promised as much as those before them, and the cost hardly fell meanwhile."""
-    if len(trace) < 2 * _LAPS:
-        return False
-    gains, costs = zip(*trace, strict=True)
-    slower = min(gains[-_LAPS:]) > _LESS * min(gains[:-_LAPS])
-    return slower and costs[-_LAPS] - costs[-1] < _FALL * costs[-_LAPS] and gains[-1] ** 2 > digits
-
-
-def _settled(at: _State, tolerance: float) -> bool:
-    """Whether the next step changes nothing that is more than rounding, or far below the noise."""
-    if np.abs(at.step).max(initial=0.0) <= tolerance:
-        return True
-    A, b = at.linear
-    size = float(np.linalg.norm(b))
-    if at.idle >= _IDLE and (at.gain**2 <= at.problem.digits() or at.gain <= _SLOPES * size):
-        return True
-    still = tolerance * size
-    blur = max(at.problem.blur(), _BLUR * float(np.linalg.norm(np.abs(A) @ np.abs(at.z))))
-    return at.gain <= max(still, blur)
-
-
-def _stepped(at: _State, step: int) -> _State:
-    """The state after one step, as damped as it must be, or with its own sensitivities where none is any good.
-
-    It has the sensitivities of the one before where these are still good.
-    """
-    problem, reduction, (A, b) = at.problem, at.problem.reduction, at.linear
-    worst = at.cost * (1.0 + 1e-13) + problem.digits()
-    size = np.maximum(np.linalg.norm(A, axis=0), 1e-12)
-    idle = at.idle + 1 if at.gain > 0.5 * at.last_gain else 0
-    left = replace(at, fresh=False, last_gain=at.gain, last_moved=at.moved, idle=idle)
-    damping, silent = at.damping, at.silent
-    for trial in range(_DAMPINGS):
-        d = at.step if damping == 0.0 else _bounded(A, b, at.z, reduction, damping, size)
-        z = np.clip(at.z + d, reduction.lower, reduction.upper)
-        after = damping / 10.0 if 1e-6 <= damping <= _STOOD else 0.0
-        stale = at.stale(after)
-        first = trial == 0  # hardly ever refused
-        r, whole = problem.both(z) if stale and first else (problem.residuals(z), None)
-        cost = problem.cost(z, r)
-        if cost <= worst:
-            there = replace(left, z=z, residuals=r, cost=cost, damping=after, silent=silent)
-            return there.seen(whole) if stale else there
-        silent += not np.isfinite(cost)
-        if silent > _SILENT:
-            raise _NoAnswer(f"the model has no answer where the fit leads: {_farthest(problem, z)}")
-        damping = max(10.0 * damping, 1e-6)
-    if not at.fresh:
-        return replace(at.seen(), damping=0.0, silent=silent)
-    raise NotConverged(
-        f"the fit is stuck after {step} steps: no step lowers the sum of squares, though it has a slope. "
-        "Look at the readings' units, start nearer, or fix a parameter"
+    found = least_squares(
+        residuals,
+        z,
+        lambda at: np.vstack([whole(at.tobytes()) @ reduction.T, problem.prior(at)[1]]),
+        bounds=(reduction.lower, reduction.upper),
+        method="dogbox" if np.isfinite([reduction.lower, reduction.upper]).any() else "trf",
+        ftol=max(tolerance**2, min(problem.digits() / max(left, 1e-300), tolerance)),
+        xtol=_STILL,
+        gtol=None,
+        x_scale=max(float(np.linalg.norm(size * step)), 1e-12) / size,
+        loss=problem.loss.of_squares(len(r)),
+        max_nfev=_STEPS,
     )
+    if not found.success or np.any(np.abs(found.x) > FAR * np.maximum(reduction.spread, 1.0)):
+        raise NotConverged(f"the fit did not settle in {found.nfev} steps: {_farthest(problem, found.x)}")
+    r = problem.residuals(found.x)
+    R = problem.triangle(found.x, r, whole(found.x.tobytes()) @ reduction.T)
+    gain = float(np.linalg.norm(R[:, :-1] @ _linear_step(R, found.x, reduction)))
+    if gain > _STUCK * np.linalg.norm(R[:, -1]) and gain**2 > problem.digits():
+        raise NotConverged(
+            f"the fit is stuck after {found.nfev} steps: no step lowers the sum of squares, though it has a slope. "
+            "Look at the readings' units, start nearer, or fix a parameter"
+        )
+    return _Minimum(problem.cost(found.x, r), found.x, r, whole(found.x.tobytes()), found.nfev)
+
+
+def _linear_step(R: Array, z: Array, reduction: Reduction) -> Array:
+    """The step (q,) that solves the linearised problem (q + 1, q + 1), residuals in the last column, within bounds."""
+    from scipy.optimize import lsq_linear
+
+    size = np.linalg.norm(R[:, :-1], axis=0)
+    size = np.where(size > 0.0, size, 1.0)
+    ends = size * (reduction.lower - z), size * np.maximum(reduction.upper - z, reduction.lower - z + 1e-14)
+    return lsq_linear(R[:, :-1] / size, R[:, -1], ends, method="bvls").x / size
 
 
 def _farthest(problem: _Problem, z: Array) -> str:
@@ -443,25 +340,6 @@ def _farthest(problem: _Problem, z: Array) -> str:
     p = problem.observations.parameters[i]
     value = f"{name} is at {problem.reduction.x(z)[i]:.3g} {p.unit}, nominal {p.nominal:.3g}"
     return f"{value}. Look at the units of readings and loads; else fix this parameter or state priors"
-
-
-def _bounded(A: Array, r: Array, z: Array, reduction: Reduction, damping: float, size: Array | None = None) -> Array:
-    """The step (q,) that minimises |r - A d|^2 + damping |size d|^2 with z + d within the bounds, exactly."""
-    if damping > 0.0 and size is not None:
-        A = np.vstack([A, np.sqrt(damping) * np.diag(size)])
-        r = np.concatenate([r, np.zeros(len(z))])
-    scale = np.linalg.norm(A, axis=0)
-    scale = np.where(scale > 0, scale, 1.0)
-    free = np.linalg.lstsq(A / scale, r, rcond=None)[0] / scale
-    lower, upper = reduction.lower - z, reduction.upper - z
-    if np.all(free >= lower) and np.all(free <= upper):
-        return free
-    from scipy.optimize import lsq_linear
-
-    tight = np.maximum(upper, lower + 1e-14)
-    found = lsq_linear(A / scale, r, (lower * scale, tight * scale), method="bvls", tol=1e-14, max_iter=500)
-    d = found.x / scale
-    return np.where(found.active_mask < 0, lower, np.where(found.active_mask > 0, upper, d))
 
 
 def _solution(problem: _Problem, best: _Minimum) -> Solution:

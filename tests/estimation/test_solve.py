@@ -11,7 +11,6 @@ from scipy.optimize import least_squares
 
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
 from qsframework.estimation import FitOptions, Independent, Observations, Solution, solve
-from qsframework.estimation.solver import _LAPS, _goes_nowhere  # pyright: ignore[reportPrivateUsage]
 from qsframework.plugin import Array, Parameter
 
 
@@ -263,17 +262,3 @@ def test_the_share_of_each_reading_in_its_own_prediction() -> None:
     both = np.linalg.inv(W.T @ W + 4.0 * np.eye(3))
     assert known @ known.T == pytest.approx(W @ both @ W.T, abs=1e-9)
     assert np.square(known).sum() < 3.0
-
-
-def test_a_fit_that_goes_to_and_fro_over_a_kink_is_given_up_early() -> None:
-    """Steps that promise as much as ever while the cost hardly falls: 200 of them would end no better."""
-    still = [(7.7, 500.0 - 0.1 * k) for k in range(2 * _LAPS)]
-    assert _goes_nowhere(still, 1e-9)
-    assert not _goes_nowhere(still[:-1], 1e-9), "so few steps say nothing"
-    assert not _goes_nowhere([(7.7 * 0.95**k, cost) for k, (_, cost) in enumerate(still)], 1e-9), (
-        "slow, but it gets there"
-    )
-    assert not _goes_nowhere([(gain, 500.0 * 0.99**k) for k, (gain, _) in enumerate(still)], 1e-9), (
-        "the cost still falls"
-    )
-    assert not _goes_nowhere(still, 100.0), "rounding is no kink"

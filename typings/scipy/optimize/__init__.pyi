@@ -14,6 +14,13 @@ class _Bounded:
     status: int
     success: bool
 
+class _LeastSquares:
+    """What least_squares returns."""
+
+    x: _Array
+    nfev: int
+    success: bool
+
 class _Minimum:
     x: float
     fun: float
@@ -32,6 +39,20 @@ def lsq_linear(
     *,
     max_iter: int | None = ...,
 ) -> _Bounded: ...
+def least_squares(
+    fun: Callable[[_Array], _Array],
+    x0: _Array,
+    jac: Callable[[_Array], _Array],
+    bounds: tuple[npt.ArrayLike, npt.ArrayLike] = ...,
+    method: str = ...,
+    ftol: float | None = ...,
+    xtol: float | None = ...,
+    gtol: float | None = ...,
+    *,
+    x_scale: npt.ArrayLike = ...,
+    loss: str | Callable[[_Array], _Array] = ...,
+    max_nfev: int | None = ...,
+) -> _LeastSquares: ...
 def minimize_scalar(
     fun: Callable[[float], float],
     *,
