@@ -2,7 +2,7 @@
 
     python benchmarks/stated_noise.py [--campaigns 800] [--nulls 100] [--quick] [--write]
 
-Three tables of docs/results.md. Promise: the sd of a spring that the readings promise before they are fitted, over that
+Three tables of docs/results.md. Predicted: the sd of a spring before the readings are fitted, over that
 of the fit, over that of drawn fits; draws are balanced, so that chance has no part in them. Coverage: how often the
 stated 95 % interval holds the true spring. Nulls: campaigns in which nothing is hidden, of a noise that differs by axis
 or grows with the distance, while the files say that it is unknown; how often the diagnosis names anything of the arm.
@@ -121,7 +121,7 @@ def files(experiment: Experiment, kind: tuple[Table, ...], poses: int) -> Readin
     return blank.with_values(exact)
 
 
-# ---------------------------------------------------------------- promise over fit over draws
+# ---------------------------------------------------------------- predicted over fit over draws
 
 
 def own_sds(readings: Readings) -> Array:
@@ -140,12 +140,12 @@ def springs(fit: Fit) -> list[int]:
 
 
 def agreed(poses: int, of: tuple[str, str]) -> tuple[str, str, float, float]:
-    """Of a robot and a kind of readings the ratios farthest from 1: promise over the fit's, the fit's over draws'."""
+    """Of a robot and a kind of readings the ratios farthest from 1: predicted over the fit's, the fit's over draws'."""
     robot, kind = of
     with tempfile.TemporaryDirectory() as folder:
         experiment = campaign(robot, Path(folder), _TEXT, floor=True)
         exact = files(experiment, KINDS[kind], poses)
-        promised = joint_sd(experiment, [exact])
+        predicted = joint_sd(experiment, [exact])
         there = np.isfinite(exact.value)
         sds, fits = own_sds(exact), list[Fit]()
         for e in balanced(int(there.sum()), 1):
@@ -156,7 +156,7 @@ def agreed(poses: int, of: tuple[str, str]) -> tuple[str, str, float, float]:
     truth = experiment.model().nominal[experiment.model().index(names)]
     stated = np.sqrt(np.mean([fit.sd[springs(fit)] ** 2 for fit in fits], axis=0))
     drawn = np.sqrt(np.mean([(fit.values[springs(fit)] - truth) ** 2 for fit in fits], axis=0))
-    before = promised[[experiment.fit_names().index(name) for name in names]]
+    before = predicted[[experiment.fit_names().index(name) for name in names]]
     return robot, kind, farthest(before / stated), farthest(stated / drawn)
 
 
@@ -248,9 +248,9 @@ def tables(campaigns: int, nulls: int, arms: tuple[str, ...], work: Work) -> Ite
         ratios = np.array([[a, b] for _, k, a, b in each if k == kind])
         shown = (f"{farthest(column):.4f}" for column in ratios.T)
         rows.append((kind, "0.97 to 1.03", *shown))
-    yield "### Promise\n\n" + table(("readings", "goal", "promise over fit", "fit over draws"), rows)
+    yield "### Predicted\n\n" + table(("readings", "goal", "predicted over fit", "fit over draws"), rows)
     every = [(robot, kind, f"{a:.4f}", f"{b:.4f}") for robot, kind, a, b in each]
-    yield "### Promise\n\n" + table(("robot", "readings", "promise over fit", "fit over draws"), every)
+    yield "### Predicted\n\n" + table(("robot", "readings", "predicted over fit", "fit over draws"), every)
     parts = [(k, seed) for k in range(len(CASES)) for seed in (0, 1)]
     hits, lines = list(run(covered, campaigns // 2, parts, work)), list[tuple[str, ...]]()
     for k, case in enumerate(CASES):
