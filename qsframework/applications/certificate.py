@@ -16,7 +16,8 @@ import numpy as np
 from qsframework.diagnose import Diagnosis, diagnose
 from qsframework.errors import InputError, Problem, QsfError, some_of
 from qsframework.experiment import Experiment, Frame, Readings, make_rows
-from qsframework.experiment.observations import ReadingRows, values_before
+from qsframework.experiment.before import errors_before
+from qsframework.experiment.observations import ReadingRows
 from qsframework.files import FileModel, Unit, read_yaml, validate as checked
 from qsframework.identify import FitRecord, validate, validate_halves
 from qsframework.identify.record import COVERAGE
@@ -309,10 +310,9 @@ def _arrivals(experiment: Experiment, fit: FitRecord, rows: ReadingRows) -> tupl
     if not again:
         return ()
     model = experiment.model()
-    errors: list[Array] = []
-    for x, own in ((values_before(model, readings), False), (fit.x_of(model), True)):
-        frames = fitted_frames(fit, rows, model, x) if own else rows.start(model, x)
-        errors.append(rows.measured - rows.predict(model, x, frames, fit.linear))
+    x = fit.x_of(model)
+    after = rows.measured - rows.predict(model, x, fitted_frames(fit, rows, model, x), fit.linear)
+    errors = errors_before(experiment, rows, fit.model_names(experiment), fit.linear), after
     out: list[Arrivals] = []
     for g in again:
         at = np.flatnonzero(position & (group == g))

@@ -20,7 +20,7 @@ from qsframework.experiment.plan import make_plan
 from qsframework.experiment.simulate import prior_draws
 from qsframework.experiment.stations import Station
 from qsframework.information import Allowed, CandidateRows, MadeRows, as_rows, loss_words
-from qsframework.information.identifiable import NotEstimated, choose, in_order, kinds_of, limits_of
+from qsframework.information.identifiable import NotEstimated, choose, in_order, limits_of
 from qsframework.information.rows import root
 from qsframework.information.sensitivities import plan_columns, readings_columns, sd_of_taken
 from qsframework.plugin import Array, Indices, Poses, Sensor
@@ -95,7 +95,7 @@ class DesignProblem:
         markers, nor the frames."""
         if not any(load.of_positions for load in self.loads):
             return np.arange(len(self.names))
-        markers = kinds_of(self.experiment.model(), Sensor)
+        markers = self.experiment.model().names_of(Sensor)
         own = np.flatnonzero([name not in markers for name in self.names])
         return own if len(own) else np.arange(len(self.names))
 
@@ -402,7 +402,7 @@ def tip_rows(
         return tip.sensitivity(poses, names=names)[:, 0] * size
     x, marker_names = start_values(experiment, names), (*model.marker_names, "load point")
     tip = replace(model, tip=point, markers=(*model.markers, point), marker_names=marker_names)
-    sensors = kinds_of(model, Sensor)  # of markers and the instrument, which move no tip
+    sensors = model.names_of(Sensor)  # of markers and the instrument, which move no tip
     size = size * [name not in sensors for name in names]
     return tip.position_sensitivity(poses, x, names=names, loaded=True)[:, -1] * size
 

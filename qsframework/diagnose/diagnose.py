@@ -28,8 +28,8 @@ from qsframework.diagnose.verdict import ambiguous, verdict_of
 from qsframework.estimation import rms
 from qsframework.experiment import Experiment, Readings, make_rows
 from qsframework.experiment.account import Account, account_of
-from qsframework.experiment.observations import start_values, values_before
-from qsframework.hypotheses.exact_refit import SettledFit, predicted_or_linear
+from qsframework.experiment.before import errors_before
+from qsframework.hypotheses.exact_refit import SettledFit
 from qsframework.hypotheses.search.cross_validation import HeldOut
 from qsframework.hypotheses.search.subsets import LARGEST
 from qsframework.identify.pose_spread import check_pose_spread
@@ -204,12 +204,8 @@ def _errors(
     base: Baseline, extended: SettledFit, held: HeldOut, given: tuple[Experiment, Readings], audit: NoiseAudit
 ) -> Errors:
     experiment, readings = given
-    model = experiment.model()
     given_rows = replace(base.rows, readings=readings)  # as they were before a convention was applied
-    x = start_values(experiment, experiment.fit_names(), values_before(model, readings))
-    frames = given_rows.start(model, x)
-    predicted, _ = predicted_or_linear(model, given_rows, x, frames)  # values far off may bear no load
-    nominal = base.rows.measured - predicted
+    nominal = errors_before(experiment, given_rows, experiment.fit_names())
     mask, own = base.rows.mask, base.start.sigma * audit.unit
     noise = float(np.sqrt(np.mean(own[mask] ** 2) + audit.shared**2))
     return Errors(

@@ -62,6 +62,11 @@ class Structure:
                 raise InputError(Problem(message, allowed=", ".join(self.names), hint=hint))
         return [self.names.index(name) for name in names]
 
+    def names_of(self, kind: type) -> set[str]:
+        """Names of the parameters of all effects of a kind."""
+        effects = zip(self.effects, self.slices, strict=True)
+        return {n for e, part in effects if isinstance(e, kind) for n in self.names[part]}
+
     @cached_property
     def by_state(self) -> tuple[int, ...]:
         """Positions in x of the effects by which an arm is not the same in both states of a pose, but for its load."""

@@ -96,6 +96,8 @@ def _kept(fit: Fit, kind: str) -> Array:
     return _of(fit, fit.left_out, kind) if len(_missed(fit, kind)) else np.zeros((0, 3))
 
 
+SUITED = "in the frame, nests and tool that suit it best where these are estimated"
+"""How the arm before its readings is seen."""
 ERRORS = [
     ErrorRow(key="readings", head="readings", errors=_readings),
     ErrorRow(key="nominal", head="nominal model", errors=lambda fit, k: _of(fit, fit.measured - fit.nominal, k)),

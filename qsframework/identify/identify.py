@@ -30,8 +30,9 @@ from qsframework.estimation.tails import chi2_sf
 from qsframework.estimation.visit_noise import SharedError
 from qsframework.experiment import Experiment, Frame, ObservationModel, Readings, make_rows, observation_model
 from qsframework.experiment.account import account_of
+from qsframework.experiment.before import errors_before
 from qsframework.experiment.noise_by_axis import noise_by_axis
-from qsframework.experiment.observations import ReadingRows, start_values, values_before
+from qsframework.experiment.observations import ReadingRows, start_values
 from qsframework.experiment.setup import GEOMETRY, expand_name
 from qsframework.identify.columns import ERRORS
 from qsframework.identify.estimate import Estimate, EstimateState, estimate_of
@@ -44,7 +45,7 @@ from qsframework.identify.record import Masked
 from qsframework.identify.two_step import two_step
 from qsframework.information import what_would_help
 from qsframework.information.identifiable import in_order
-from qsframework.information.selection import NotEstimated, at_found_markers, held_of, identifiable_names, kinds_of
+from qsframework.information.selection import NotEstimated, at_found_markers, held_of, identifiable_names
 from qsframework.plugin import Array, Geometry
 from qsframework.screening import (
     SHARE,
@@ -402,7 +403,7 @@ def _fit_of(experiment: Experiment, found: Found, options: FitOptions) -> Fit:
         kind=readings.kind[rows.keep],
         measured=rows.measured,
         predicted=predicted,
-        nominal=_nominal(experiment, found, options, frames, x),
+        nominal=rows.measured - errors_before(experiment, rows, seen.names, options.linear),
         residuals=rows.measured - predicted,
         studentised=rows.spread(fit.studentised()),
         left_out=left_out,
@@ -449,7 +450,7 @@ def _advice(
     belong together once."""
     readings = rows.readings
     poses = readings.poses.take(rows.plus)
-    placed = kinds_of(model, Geometry) if readings.is_position[rows.keep].any() else set[str]()
+    placed = model.names_of(Geometry) if readings.is_position[rows.keep].any() else set[str]()
     silent = [e.name for e in left if np.isinf(e.sd) and not e.correlated_with and e.name not in placed]
     badly = [e for e in estimates if e.state is EstimateState.NOT_IDENTIFIABLE and e.name in {*model.names} - placed]
     whole = {n: e.name for e, own in zip(model.effects, model.slices, strict=True) if e.whole for n in model.names[own]}
@@ -476,18 +477,6 @@ def _estimates(
         estimate = estimate_of(told, float(values[i]), own, float(free[i]), float(alone[i]))
         out.append(replace(estimate, size=p.scale))
     return tuple(out)
-
-
-def _nominal(experiment: Experiment, found: Found, options: FitOptions, frames: Sequence[Frame], x: Array) -> Array:
-    """What the arm says (R, 3) with the values before these readings; where frames are estimated, in those that suit it
-    best."""
-    rows, model = found.seen.rows, found.seen.model
-    before = values_before(model, rows.readings)
-    start = start_values(experiment, found.seen.names, before) if frames else before
-    try:
-        return rows.predict(model, start, rows.start(model, start), options.linear)
-    except (NotConverged, InputError):
-        return rows.predict(model, start, frames, True)
 
 
 def _option_notes(options: FitOptions, solution: Solution) -> tuple[str, ...]:

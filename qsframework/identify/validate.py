@@ -15,7 +15,8 @@ from qsframework.estimation import FitOptions, rms
 from qsframework.estimation.projection import Flags
 from qsframework.experiment import Experiment, Frame, Readings, make_rows
 from qsframework.experiment.account import Account
-from qsframework.experiment.observations import ReadingRows, start_values, values_before
+from qsframework.experiment.before import errors_before
+from qsframework.experiment.observations import ReadingRows
 from qsframework.files import as_file
 from qsframework.identify.fit import Fit
 from qsframework.identify.identify import fit_readings
@@ -133,7 +134,8 @@ def validate(experiment: Experiment, readings: Readings, fit: FitRecord, *, anyw
     model, rows = experiment.model(), make_rows(readings)
     x = fit.x_of(model)
     errors = rows.measured - rows.predict(model, x, fitted_frames(fit, rows, model, x), fit.linear)
-    found = _validation(fit, rows, errors, _nominal(experiment, rows, fit), seen=fit.account.has_used(readings))
+    before = errors_before(experiment, rows, fit.model_names(experiment), fit.linear)
+    found = _validation(fit, rows, errors, before, seen=fit.account.has_used(readings))
     return replace(found, notes=(*doubted, *rows.range_notes(model, x)))
 
 
@@ -174,7 +176,8 @@ def validate_halves(
     spread = np.array([np.sqrt(np.nansum(e**2) / len(e)) for _, e in every])
     place = {k: i for i, k in enumerate(rows.keep.tolist())}
     both = np.array([place[k] for part, _ in every for k in part.keep.tolist()], dtype=np.intp)
-    before, errors = _nominal(experiment, rows, fit)[both], np.concatenate([e for _, e in every])
+    before = errors_before(experiment, rows, fit.model_names(experiment), fit.linear)[both]
+    errors = np.concatenate([e for _, e in every])
     found = _validation(fit, rows.take(both), errors, before, halves=halves, spread=spread)
     return replace(found, notes=(*doubted, *((lost,) if lacking else ())))
 
@@ -194,17 +197,6 @@ def _half(
         return _half(experiment, rows, fit, rng, tries - 1)
     whole = tries == 1 or set(fit.names) <= set(own.names)
     return (own, use) if whole else _half(experiment, rows, fit, rng, tries - 1)
-
-
-def _nominal(experiment: Experiment, rows: ReadingRows, fit: FitRecord) -> Array:
-    """Errors (R, 3) of the arm with the values before any of these readings, in the frames that suit it best."""
-    model, linear = experiment.model(), fit.linear
-    x = start_values(experiment, fit.model_names(experiment), values_before(model, rows.readings))
-    frames = rows.start(model, x)
-    try:
-        return rows.measured - rows.predict(model, x, frames, linear)
-    except NotConverged:
-        return rows.measured - rows.predict(model, x, frames, True)
 
 
 def _validation(

@@ -94,13 +94,7 @@ def in_order(model: Model, names: Sequence[str]) -> list[str]:
     return sorted((n for n in model.names if n in wanted), key=lambda n: rank[n])
 
 
-def kinds_of(model: Model, kind: type) -> set[str]:
-    """Names of the parameters of all effects of a kind."""
-    effects = zip(model.effects, model.slices, strict=True)
-    return {n for e, part in effects if isinstance(e, kind) for n in model.names[part]}
-
-
 def limits_of(model: Model, names: Sequence[str]) -> Array:
     """How many natural sizes a parameter (p,) may be uncertain by before it is held at nominal."""
-    geometry = kinds_of(model, Geometry)
+    geometry = model.names_of(Geometry)
     return np.array([_TOLD if n in geometry else np.inf for n in names])

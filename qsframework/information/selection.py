@@ -10,7 +10,7 @@ import numpy as np
 from qsframework.elastostatics import Model
 from qsframework.estimation import PLAIN, FitOptions, Observations, scales
 from qsframework.experiment import ObservationModel
-from qsframework.information.identifiable import NotEstimated, choose, kinds_of, limits_of
+from qsframework.information.identifiable import NotEstimated, choose, limits_of
 from qsframework.plugin import Array, Geometry, ParallelSpring, Parameter, Sensor
 
 _LOOSE, _BROAD = 5.0, 20.0
@@ -52,7 +52,7 @@ def at_found_markers(seen: ObservationModel, x: Array) -> ObservationModel | Non
     """The arm as it is in `seen`, with what the fitted parameters of markers and instrument are among values x (q,), in
     the frames that then suit it; None where there are none. About it a guess of where the markers are decides nothing.
     """
-    own = [n for n in seen.names if n in kinds_of(seen.model, Sensor)]
+    own = [n for n in seen.names if n in seen.model.names_of(Sensor)]
     if not own or np.all(seen.rows.minus >= 0):  # what differences tell, they tell anywhere
         return None
     there, at = seen.x.copy(), seen.model.index(own)
@@ -79,8 +79,8 @@ def _tied_columns(
 def held_of(model: Model, names: Sequence[str]) -> Array:
     """sd (p,) of the weak hold on each parameter, per unit of its scale; inf for springs, loads and all else that
     nothing pulls. Where a balancer is fixed is geometry too."""
-    geometry, sensors = kinds_of(model, Geometry), kinds_of(model, Sensor)
-    geometry |= {n for n in kinds_of(model, ParallelSpring) if model.parameters[model.names.index(n)].by_name}
+    geometry, sensors = model.names_of(Geometry), model.names_of(Sensor)
+    geometry |= {n for n in model.names_of(ParallelSpring) if model.parameters[model.names.index(n)].by_name}
 
     def hold(p: Parameter) -> float:
         if p.pull is not None:

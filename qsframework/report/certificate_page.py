@@ -10,6 +10,7 @@ import numpy as np
 
 from qsframework.applications.certificate import Certificate, DeviceSpec, PartySpec, Quantity
 from qsframework.files import sha256
+from qsframework.identify.columns import SUITED
 from qsframework.report.blocks import Block, Lines, Mark, ReportTable, Section, Text, Verdict
 from qsframework.report.fit_plots import distribution_figure
 from qsframework.report.page import write_report
@@ -93,7 +94,7 @@ def _errors(found: Certificate) -> tuple[Block, ...]:
     rows = tuple(zip(names, *(map(mm, whole.summary(before)) for before in (True, False)), strict=True))
     said = (
         f"{held_out_words(found)} The error is the distance in space between the measured and the predicted "
-        f"{quantity}; before: of the arm with the values that it had before these readings, in best-fit frames."
+        f"{quantity}; before: of the arm with the values that it had before these readings, {SUITED}."
     )
     picture = distribution_figure({"before": whole.distances(before=True), "after": whole.distances()})
     if found.conformity is not None:

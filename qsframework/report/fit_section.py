@@ -10,7 +10,7 @@ from qsframework.errors import some_of
 from qsframework.experiment import Experiment, Readings
 from qsframework.experiment.observations import values_before
 from qsframework.identify import Estimate, Fit, FitRecord, Masked
-from qsframework.identify.columns import COLUMNS, ERRORS, OWN, FitColumn
+from qsframework.identify.columns import COLUMNS, ERRORS, OWN, SUITED, FitColumn
 from qsframework.report.blocks import Block, ReportTable, SceneView, Section, Text
 from qsframework.report.fit_plots import (
     correlation_blocks,
@@ -161,7 +161,7 @@ def error_tables(fit: Fit) -> tuple[ReportTable, ...]:
     heads = {row.key: row.head for row in ERRORS}
     note = "Quote the held-out error: it is the prediction error."
     note += " Masked rows count as held-out." if len(fit.missed) else ""
-    note += " The nominal model is in its best-fit frame." if fit.frames else ""
+    note += f" The nominal model is {SUITED}." if (fit.kind == "position").any() else ""
     if fit.carriers:
         note += f" It leaves out {some_of(fit.carriers)}: each of these poses alone carries a parameter."
     return tuple(

@@ -6,6 +6,7 @@ import html
 
 import numpy as np
 
+from qsframework.identify.columns import SUITED
 from qsframework.identify.validate import Validation, ValidationErrors
 from qsframework.report.blocks import Figure, Plot, ReportTable, Section, Text
 from qsframework.report.fit_plots import distribution_figure
@@ -21,7 +22,7 @@ def validation_tables(found: Validation) -> tuple[ReportTable, ...]:
         ReportTable(
             ("3D error", "count", "RMS, mm", "mean, mm", "95 %, mm", "max, mm", "nominal RMS", "nominal max"),
             tuple((p.name, str(p.count), *_in_mm(*p.summary(), *p.summary(before=True)[::3])) for p in parts),
-            "Distance of the measured from the predicted point. Nominal: nominal model, best-fit alignment.",
+            f"Distance of the measured from the predicted point. Nominal: the arm before the readings, {SUITED}.",
         ),
         ReportTable(
             ("RMS by axis", "x, mm", "y, mm", "z, mm"),

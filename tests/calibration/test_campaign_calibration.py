@@ -258,7 +258,6 @@ def test_one_uncertainty_holds_all_that_is_known_of_a_spring(tmp_path: Path) -> 
     check_sds(errors_of(fits), rms_sd(fits), allowed=0.1)
 
 
-@awaits(PRIORS)
 def test_before_is_the_arm_in_the_tool_that_suits_it_best(tmp_path: Path) -> None:
     """An arm that is nominal is no better after a fit, whatever was guessed of a marker that is estimated."""
     more = "effects: [{effect: marker_offset, markers: all}]\nfit: [joint_compliance, marker_offset]"
