@@ -286,6 +286,8 @@ def _descend(problem: _Problem, z: Array, tolerance: float) -> _Minimum:
         raise NotConverged("the model has no finite prediction at the start of the fit: check the nominal values")
     R = problem.triangle(z, r, whole(z.tobytes()) @ reduction.T)
     step, size = _linear_step(R, z, reduction), np.linalg.norm(R[:, :-1], axis=0)
+    if not step.any():  # the best is where it begins, or nothing depends on what is fitted
+        return _Minimum(problem.cost(z, r), z, r, whole(z.tobytes()), 1)
     size = np.maximum(size, 1e-12 * size.max())
     left = 0.5 * float(np.square(R[:, -1] - R[:, :-1] @ step).sum())
 
@@ -305,7 +307,7 @@ def _descend(problem: _Problem, z: Array, tolerance: float) -> _Minimum:
         ftol=max(tolerance**2, min(problem.digits() / max(left, 1e-300), tolerance)),
         xtol=_STILL,
         gtol=None,
-        x_scale=max(float(np.linalg.norm(size * step)), 1e-12) / size,
+        x_scale=float(np.linalg.norm(size * step)) / size,
         loss=problem.loss.of_squares(len(r)),
         max_nfev=_STEPS,
     )

@@ -262,3 +262,12 @@ def test_the_share_of_each_reading_in_its_own_prediction() -> None:
     both = np.linalg.inv(W.T @ W + 4.0 * np.eye(3))
     assert known @ known.T == pytest.approx(W @ both @ W.T, abs=1e-9)
     assert np.square(known).sum() < 3.0
+
+
+def test_what_no_reading_depends_on_is_named() -> None:
+    o, _ = line()
+    with pytest.raises(NotIdentifiable) as caught:
+        solve(
+            replace(o, predict=lambda x: np.zeros(len(o.measured)), jacobian=lambda x: np.zeros((len(o.measured), 3)))
+        )
+    assert caught.value.unseen == ("a", "b", "c")
