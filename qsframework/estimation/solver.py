@@ -315,13 +315,17 @@ def _descend(problem: _Problem, z: Array, tolerance: float) -> _Minimum:
         raise NotConverged(f"the fit did not settle in {found.nfev} steps: {_farthest(problem, found.x)}")
     r = problem.residuals(found.x)
     R = problem.triangle(found.x, r, whole(found.x.tobytes()) @ reduction.T)
-    gain = float(np.linalg.norm(R[:, :-1] @ _linear_step(R, found.x, reduction)))
+    step = _linear_step(R, found.x, reduction)
+    gain = float(np.linalg.norm(R[:, :-1] @ step))
     if gain > _STUCK * np.linalg.norm(R[:, -1]) and gain**2 > problem.digits():
         raise NotConverged(
             f"the fit is stuck after {found.nfev} steps: no step lowers the sum of squares, though it has a slope. "
-            "Look at the readings' units, start nearer, or fix a parameter"
+            "Look at the units of readings and loads, start nearer, or fix a parameter"
         )
-    return _Minimum(problem.cost(found.x, r), found.x, r, whole(found.x.tobytes()), found.nfev)
+    last = np.clip(found.x + step, reduction.lower, reduction.upper)  # the digits that a trust region leaves
+    there = problem.residuals(last)
+    z, r = (last, there) if np.all(np.isfinite(there)) else (found.x, r)
+    return _Minimum(problem.cost(z, r), z, r, whole(z.tobytes()), found.nfev)
 
 
 def _linear_step(R: Array, z: Array, reduction: Reduction) -> Array:
