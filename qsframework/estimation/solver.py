@@ -25,6 +25,8 @@ _SILENT = 25
 """Predictions that are not finite after which a fit is given up."""
 _STILL = 1e-12
 """Relative change of the variables below which a step is rounding: no prediction has the digits to follow it."""
+_LAST = 2
+"""Linear steps after that, for the digits that a trust region leaves: each squares what is missing."""
 _STUCK = 1e-2
 """Share of the residuals that a step must promise for the end of a descent to be none: a hundredth of what is there."""
 _CURVED = 0.02
@@ -284,8 +286,8 @@ def _descend(problem: _Problem, z: Array, tolerance: float) -> _Minimum:
     r, silent = problem.residuals(z), count()
     if not np.all(np.isfinite(r)):
         raise NotConverged("the model has no finite prediction at the start of the fit: check the nominal values")
-    R = problem.triangle(z, r, whole(z.tobytes()) @ reduction.T)
-    step, size = _linear_step(R, z, reduction), np.linalg.norm(R[:, :-1], axis=0)
+    R, step = _linear_step(problem, z, r, whole(z.tobytes()))
+    size = np.linalg.norm(R[:, :-1], axis=0)
     if not step.any():  # the best is where it begins, or nothing depends on what is fitted
         return _Minimum(problem.cost(z, r), z, r, whole(z.tobytes()), 1)
     size = np.maximum(size, 1e-12 * size.max())
@@ -313,29 +315,31 @@ def _descend(problem: _Problem, z: Array, tolerance: float) -> _Minimum:
     )
     if not found.success or np.any(np.abs(found.x) > FAR * np.maximum(reduction.spread, 1.0)):
         raise NotConverged(f"the fit did not settle in {found.nfev} steps: {_farthest(problem, found.x)}")
-    r = problem.residuals(found.x)
-    R = problem.triangle(found.x, r, whole(found.x.tobytes()) @ reduction.T)
-    step = _linear_step(R, found.x, reduction)
-    gain = float(np.linalg.norm(R[:, :-1] @ step))
-    if gain > _STUCK * np.linalg.norm(R[:, -1]) and gain**2 > problem.digits():
-        raise NotConverged(
-            f"the fit is stuck after {found.nfev} steps: no step lowers the sum of squares, though it has a slope. "
-            "Look at the units of readings and loads, start nearer, or fix a parameter"
-        )
-    last = np.clip(found.x + step, reduction.lower, reduction.upper)  # the digits that a trust region leaves
-    there = problem.residuals(last)
-    z, r = (last, there) if np.all(np.isfinite(there)) else (found.x, r)
+    z, r = found.x, problem.residuals(found.x)
+    for _ in range(_LAST):
+        R, step = _linear_step(problem, z, r, whole(z.tobytes()))
+        gain = float(np.linalg.norm(R[:, :-1] @ step))
+        if gain > _STUCK * np.linalg.norm(R[:, -1]) and gain**2 > problem.digits():
+            raise NotConverged(
+                f"the fit is stuck after {found.nfev} steps: no step lowers the sum of squares, though it has a slope. "
+                "Look at the units of readings and loads, start nearer, or fix a parameter"
+            )
+        last = np.clip(z + step, reduction.lower, reduction.upper)
+        there = problem.residuals(last)
+        z, r = (last, there) if np.all(np.isfinite(there)) else (z, r)
     return _Minimum(problem.cost(z, r), z, r, whole(z.tobytes()), found.nfev)
 
 
-def _linear_step(R: Array, z: Array, reduction: Reduction) -> Array:
-    """The step (q,) that solves the linearised problem (q + 1, q + 1), residuals in the last column, within bounds."""
+def _linear_step(problem: _Problem, z: Array, r: Array, whole: Array) -> tuple[Array, Array]:
+    """The triangular factor (q + 1, q + 1) of the linearised problem, and the step (q,) that solves it in bounds."""
     from scipy.optimize import lsq_linear
 
+    reduction = problem.reduction
+    R = problem.triangle(z, r, whole @ reduction.T)
     size = np.linalg.norm(R[:, :-1], axis=0)
     size = np.where(size > 0.0, size, 1.0)
     ends = size * (reduction.lower - z), size * np.maximum(reduction.upper - z, reduction.lower - z + 1e-14)
-    return lsq_linear(R[:, :-1] / size, R[:, -1], ends, method="bvls").x / size
+    return R, lsq_linear(R[:, :-1] / size, R[:, -1], ends, method="bvls").x / size
 
 
 def _farthest(problem: _Problem, z: Array) -> str:

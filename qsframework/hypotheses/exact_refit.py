@@ -48,14 +48,6 @@ class SettledFit:
         return dict(zip(self.model.names, (float(v) for v in self.x), strict=True))
 
 
-def predicted_or_linear(model: Model, rows: ReadingRows, x: Array, frames: Sequence[Frame]) -> tuple[Array, bool]:
-    """What the exact model says (R, 3), or the linear one where no equilibrium settles; whether one did."""
-    try:
-        return rows.predict(model, x, frames), True
-    except NotConverged:
-        return rows.predict(model, x, frames, linear=True), False
-
-
 def settle_fit(
     model: Model,
     rows: ReadingRows,
