@@ -9,7 +9,7 @@ of fourth-order differences of the settled prediction, at the same values; from 
 tracker's frame stated or estimated. And the efficiency of plans with a balancer's value fitted, as certified and by
 such differences. What vanishes at a null stands at half its natural size: zero is a kink, or leaves another parameter
 without effect. An effect's parameters are estimated together, the weights of a learned law, nearly tied to one another,
-one at a time. The fit's sd is that of the readings alone, without what holds geometry weakly.
+one at a time. The fit's sd is that of the readings alone (`--free`).
 """
 
 from __future__ import annotations
@@ -29,9 +29,10 @@ from qsframework.design import DesignOptions, design, generate_candidates
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError
 from qsframework.estimation import FitOptions, scales
-from qsframework.experiment import Experiment, Frame, LoadCase, Readings, load_experiment
+from qsframework.experiment import Experiment, Frame, LoadCase, Readings, load_experiment, observation_model
 from qsframework.experiment.simulate import displaced
 from qsframework.identify import identify
+from qsframework.information.selection import identifiable_names
 from qsframework.plugin import Array, Conditions, Effect, Parameter, Poses, build_effects
 from qsframework.plugin.registry import registry
 
@@ -83,7 +84,7 @@ _NEEDS = {
 _BALANCERS = ("gravity_compensator", "compensator_stiffness", "gas_balancer", "compensator_friction", "point_spring")
 _HEAVY = 100.0
 """kg of payload from which such balancers suit an arm."""
-_PLAIN = FitOptions(keep_all=True, starts=0)
+_FREE = FitOptions(keep_all=True, starts=0, free=True)
 _STEP = 5e-3
 """Of differences, of a parameter's size."""
 _FORCE = 0.4
@@ -215,9 +216,11 @@ def readings_of(experiment: Experiment, poses: Poses, reading: str) -> Readings:
 
 
 def fitted_sds(experiment: Experiment, poses: Poses, names: Sequence[str], reading: str) -> dict[str, float]:
-    """sds of a fit by the readings alone; what it leaves aside, tied to others, is not there."""
-    fit = identify(experiment.with_(fit=tuple(names)), readings_of(experiment, poses, reading), None, _PLAIN)
-    return {e.name: e.readings_sd for e in fit.estimates if e.name in names}
+    """sds of a fit by the readings alone; what these do not tell apart is not there."""
+    asked, readings = experiment.with_(fit=tuple(names)), readings_of(experiment, poses, reading)
+    told, _ = identifiable_names(observation_model(asked, readings), known=False)
+    fit = identify(asked.with_(fit=tuple(told)), readings, None, _FREE)
+    return {e.name: e.sd for e in fit.estimates if e.name in names}
 
 
 def compare(

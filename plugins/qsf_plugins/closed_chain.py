@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from qsf_plugins.planar_loop import FLAT, between, refuse
+from qsf_plugins.planar_loop import FLAT, between, length_error, refuse
 from qsf_plugins.serial_point import SerialPoint
 from qsframework.plugin import (
     Array,
@@ -70,7 +70,7 @@ class ClosedChain(Loop):
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
         lengths = np.linalg.norm(self._arms(), axis=1)
         names = [link.name for link, length in zip(self.links, lengths, strict=True) if length > 0.0]
-        return tuple(Parameter(f"{self.name}.{n}", "m", typical=1e-4, source="length error") for n in names)
+        return tuple(length_error(f"{self.name}.{n}") for n in names)
 
     def joints(self, robot: RobotFacts) -> tuple[str, ...]:
         return (self.driver, self.driven)

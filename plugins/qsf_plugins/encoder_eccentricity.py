@@ -32,7 +32,7 @@ class EncoderEccentricity(Geometry):
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
         names = [f"{wave}{'' if n == 1 else n}" for n in self.waves_per_turn for wave in ("sin", "cos")]
-        return tuple(Parameter(f"{self.name}.{name}", "rad", typical=5e-5) for name in names)
+        return tuple(Parameter(f"{self.name}.{name}", "rad", typical=5e-5, nominal_sd=5e-5) for name in names)
 
     def validate(self, robot: RobotFacts) -> None:
         robot.joint_index(self.joint)

@@ -12,6 +12,7 @@ from qsf_plugins.planar_loop import (
     Slopes,
     driven_term,
     implicit,
+    length_error,
     link_length,
     parallel_sign,
     planar_outline,
@@ -56,7 +57,7 @@ class FourBar(Loop):
     check = "Play in the bearings of the coupling bar; the lengths of lever, bar and rocker."
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
-        return tuple(Parameter(f"{self.name}.{b}", "m", typical=1e-4, source="length error") for b in BARS)
+        return tuple(length_error(f"{self.name}.{b}") for b in BARS)
 
     def joints(self, robot: RobotFacts) -> tuple[str, ...]:
         return (self.driver, self.driven)

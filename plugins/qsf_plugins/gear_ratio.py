@@ -21,7 +21,7 @@ class GearRatio(Geometry):
     check = "Ratio of this joint in the controller; slip and stretch of its belt."
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
-        return (Parameter(self.name, "", typical=5e-4),)
+        return (Parameter(self.name, "", typical=5e-4, nominal_sd=5e-4),)
 
     def validate(self, robot: RobotFacts) -> None:
         robot.joint_index(self.joint)

@@ -57,9 +57,9 @@ class GravitySag(Geometry):
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
         labels = [(robot.links[k + 1], label) for k in self._links(robot) for label in _across(robot.axes[k])[0]]
+        size = robot.sizes.rotation(0.3e-3)
         return tuple(
-            Parameter(f"{self.name}.{link}_{label}", "rad", typical=robot.sizes.rotation(0.3e-3))
-            for link, label in labels
+            Parameter(f"{self.name}.{link}_{label}", "rad", typical=size, nominal_sd=size) for link, label in labels
         )
 
     def validate(self, robot: RobotFacts) -> None:

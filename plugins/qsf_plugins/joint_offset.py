@@ -22,7 +22,7 @@ class JointOffset(Geometry):
     check = "Mastering marks of this joint."
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
-        return (Parameter(self.name, robot.unit_of(self.joint).si, typical=1e-3),)
+        return (Parameter(self.name, robot.unit_of(self.joint).si, typical=1e-3, nominal_sd=1e-3),)
 
     def validate(self, robot: RobotFacts) -> None:
         robot.joint_index(self.joint)

@@ -23,8 +23,8 @@ class JointPlacement(Geometry):
     check = "Nothing on the robot; correct the model."
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
-        lengths = tuple(Parameter(f"{self.name}.{axis}", "m", typical=5e-4) for axis in "xyz")
-        return lengths + tuple(Parameter(f"{self.name}.r{axis}", "rad", typical=5e-4) for axis in "xyz")
+        sizes = [(axis, "m", 5e-4) for axis in "xyz"] + [(f"r{axis}", "rad", 5e-4) for axis in "xyz"]
+        return tuple(Parameter(f"{self.name}.{n}", unit, typical=sd, nominal_sd=sd) for n, unit, sd in sizes)
 
     def validate(self, robot: RobotFacts) -> None:
         robot.joint_index(self.joint)

@@ -17,6 +17,7 @@ from qsf_plugins.planar_loop import (
     branch_stands,
     driven_term,
     implicit,
+    length_error,
     link_length,
     parallel_sign,
     planar_outline,
@@ -88,7 +89,7 @@ class Parallelogram(Loop):
     check = "Play in the bearings of the coupling bar, length of the bar."
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
-        return (Parameter(self.name, "m", typical=1e-4, source="length error of the coupling bar"),)
+        return (length_error(self.name),)
 
     def joints(self, robot: RobotFacts) -> tuple[str, ...]:
         return (self.driver, self.driven, *self._branches)

@@ -150,8 +150,8 @@ def stated(
     unit: str,
     nominal: float,
     typical: float,
-    lower: float = 0.0,
     *,
+    lower: float = 0.0,
     by_name: bool = False,
     domain: tuple[float, float] = (-math.inf, math.inf),
 ) -> Parameter:
@@ -161,6 +161,7 @@ def stated(
         unit,
         nominal=nominal,
         typical=typical,
+        nominal_sd=typical,
         lower=lower,
         null=None,
         source="stated with the effect",

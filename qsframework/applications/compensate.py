@@ -25,12 +25,12 @@ from qsframework.applications.inverse import (
     rigid_jacobian,
     rigid_tip,
 )
+from qsframework.applications.levels import Absorbed, absorbed, tip_slope
 from qsframework.applications.options import Reference
 from qsframework.applications.programme import overloads
 from qsframework.applications.targets import Targets
 from qsframework.arguments import checked
 from qsframework.elastostatics import Model, actuator_torques, equilibrium, range_notes
-from qsframework.elastostatics.so3 import cross_matrix
 from qsframework.errors import InputError, NotConverged, Problem, refuse, some_of
 from qsframework.experiment import Experiment, Frame
 from qsframework.experiment.account import Account
@@ -72,11 +72,11 @@ class Compensation(Viewed):
     base frame, or, where the instrument's frame was estimated, after the motion that suits the whole workspace best
     left (N, 6): as `deflection` after the correction, by the same parameters; kept (N,): targets that keep their
     commanded pose, because their error would not become smaller
-    covariance (N, 6, 6): of the tip's error after the correction, in the frame that was measured in: from the fit's
-    covariance, what held-out poses are off beyond the noise, and the uncertainties that were stated of the campaign's
-    load and of what was held at nominal values; noise_covariance: of the readings' noise alone
-    base_sd (N,): as `sd`, in the base frame, where the instrument's frame was estimated; None where it was not, or
-    where nobody states how well what that frame absorbs is known
+    covariance (N, 6, 6): of the tip's error after the correction, in the base frame, or after the best frame where that
+    of the instrument was estimated: from the fit's covariance, what held-out poses are off beyond the noise, and the
+    uncertainties of the campaign's load and of what was held at nominal values; noise_covariance: of noise alone
+    base_sd, tool_sd (N,): as `sd`, in the base frame, and after the best frame and tool, where the instrument's frame
+    was estimated; None where it was not. base_sd: nor where nobody states how well what that frame absorbs is known
     account: that of the fit
     """
 
@@ -92,6 +92,7 @@ class Compensation(Viewed):
     covariance: Array
     noise_covariance: Array
     base_sd: Array | None = None
+    tool_sd: Array | None = None
     notes: tuple[str, ...] = ()
     reference: str = "commanded"
     account: Account
@@ -143,6 +144,7 @@ class Compensation(Viewed):
                 "expected_error_mm": float(self.sd[i] * 1e3),
                 "of_noise_mm": float(self.noise_sd[i] * 1e3),
                 **({} if self.base_sd is None else {"expected_error_base_mm": float(self.base_sd[i] * 1e3)}),
+                **({} if self.tool_sd is None else {"expected_error_tool_mm": float(self.tool_sd[i] * 1e3)}),
                 "sd_mm": (axes[i] * 1e3).tolist(),
                 "expected_error_mrad": float(self.turn_sd[i] * 1e3),
             }
@@ -195,27 +197,28 @@ def compensate(
     model, x = experiment.model(), arm_values(experiment, fit)
     _check_torques(experiment, model, x, targets)
     _check_gives(experiment, x, targets)
+    framed = _series(fit) is not None and reference == "commanded"
+    names = [*fit.names, *(h.name for h in fit.held)]
+    taken_up = absorbed(experiment, fit.account, names, x, targets.wrench) if framed else None
     parts: list[tuple[Array, ...]] = []
     for start in range(0, len(targets), _BLOCK):
         part = np.arange(start, min(start + _BLOCK, len(targets)))
-        parts.append(_block(experiment, fit, x, targets, part, reference))
+        parts.append(_block(experiment, fit, x, targets, part, reference, taken_up))
         if tell is not None:
             tell("targets", int(part[-1]) + 1, len(targets))
-    pendant, deflection, own, left, covariance, noise, in_base, open_ = (
-        np.concatenate(a) for a in zip(*parts, strict=True)
-    )
-    for spread in (covariance, in_base):
-        spread[:, :3, :3] += fit.lack**2 / 3.0 * np.eye(3)
+    pendant, deflection, own, left, spread, noise, open_ = (np.concatenate(a) for a in zip(*parts, strict=True))
+    spread[:, :, :3, :3] += fit.lack**2 / 3.0 * np.eye(3)
+    covariance = spread[:, int(framed)]
     uncorrected = _uncorrected(experiment, fit, x, deflection, targets, reference)
-    kept = np.zeros(len(targets), dtype=bool) if anyway else _kept(targets, uncorrected, _distance(covariance), path)
+    whole = path or framed  # targets that stay beside others that move would not lie in one frame
+    kept = np.zeros(len(targets), dtype=bool) if anyway else _kept(targets, uncorrected, _distance(covariance), whole)
     pendant, left = np.where(kept[:, None], targets.pendant, pendant), np.where(kept[:, None], deflection, left)
     _check_corrected(experiment, targets, pendant, deflection, left, kept)
     command = rigid_tip(experiment.robot, experiment.load_site, experiment.robot.controller.to_joints(pendant))
     stood = poses_at(experiment.robot, pendant, targets.wrench)
-    exact, absorbed = _not_counted(experiment, fit, open_)
-    framed = _series(fit) is not None and reference == "commanded"
-    base_sd = _distance(in_base) if framed and not absorbed else None
-    notes = (*doubted, *_scope(fit, base_sd, absorbed), *fit_notes(experiment, fit, exact))
+    exact, open_in_base = _not_counted(experiment, fit, open_, framed)
+    base_sd = _distance(spread[:, 0]) if framed and not open_in_base else None
+    notes = (*doubted, *_scope(fit, base_sd, open_in_base), *fit_notes(experiment, fit, exact))
     notes += (*_beyond_notes(fit.account, targets, experiment), *range_notes(model, stood, targets.name, x))
     if kept.any():
         names = some_of([n for n, still in zip(targets.name, kept, strict=True) if still])
@@ -231,8 +234,9 @@ def compensate(
         left=left,
         kept=kept,
         covariance=covariance,
-        noise_covariance=noise,
+        noise_covariance=noise[:, int(framed)],
         base_sd=base_sd,
+        tool_sd=_distance(spread[:, 2]) if framed else None,
         notes=notes,
         reference=reference,
         account=fit.account,
@@ -247,7 +251,7 @@ def _uncorrected(
     if _series(fit) is None or reference == "unloaded":
         return np.asarray(np.linalg.norm(deflection[:, :3], axis=1))
     robot = experiment.robot
-    pendant = spread_poses(robot.controller)
+    pendant = spread_poses(robot.controller.lower, robot.controller.upper)
     q = robot.controller.to_joints(pendant)
     stands = equilibrium(experiment.model(), poses_at(robot, pendant, np.zeros((len(q), 6))), x, loaded=False).tip
     moved = procrustes(stands, rigid_tip(robot, experiment.load_site, q).position)
@@ -255,11 +259,11 @@ def _uncorrected(
     return np.asarray(np.linalg.norm(moved.apply(wanted + deflection[:, :3]) - wanted, axis=1))
 
 
-def _kept(targets: Targets, uncorrected: Array, expected: Array, path: bool) -> npt.NDArray[np.bool_]:
-    """Targets (N,) whose expected error, m, is not below the uncorrected one; of a path all or none. InputError where
+def _kept(targets: Targets, uncorrected: Array, expected: Array, together: bool) -> npt.NDArray[np.bool_]:
+    """Targets (N,) whose expected error, m, is not below the uncorrected one; together all or none. InputError where
     all are."""
     sizes = [float(np.sqrt(np.mean(np.square(size)))) for size in (uncorrected, expected)]
-    kept = np.full(len(targets), not sizes[1] < sizes[0]) if path else ~(expected < uncorrected)
+    kept = np.full(len(targets), not sizes[1] < sizes[0]) if together else ~(expected < uncorrected)
     if kept.all():
         raise InputError(
             Problem(
@@ -291,10 +295,10 @@ def _beyond_notes(account: Account, targets: Targets, experiment: Experiment) ->
         yield f"beyond the angles of the readings: {'; '.join(joints)}"
 
 
-def _not_counted(experiment: Experiment, fit: FitRecord, open_: Array) -> tuple[list[str], list[str]]:
-    """Names of what was held at nominal values and nobody states an sd of: what moves the tip (N, 2, h) in the frame
-    that was measured in, and what only moves it in the base frame."""
-    moves = np.any(open_ > _SEEN, axis=0)
+def _not_counted(experiment: Experiment, fit: FitRecord, open_: Array, framed: bool) -> tuple[list[str], list[str]]:
+    """Names of what was held at nominal values and nobody states an sd of: what moves the tip (N, 3, h) after the best
+    frame, where that of the instrument was estimated, and what does in the base frame."""
+    moves = np.any(open_ > _SEEN, axis=0)[[int(framed), 0]]
     own = [h.name for h, seen in zip(fit.held, moves[0], strict=True) if seen]
     given = (p.name for p in experiment.model().parameters if not p.by_name)
     others = {*fit.names, *(h.name for h in fit.held)}
@@ -349,10 +353,16 @@ def fit_notes(experiment: Experiment, fit: FitRecord, exact: Sequence[str]) -> t
 
 
 def _block(
-    experiment: Experiment, fit: FitRecord, x: Array, targets: Targets, part: Indices, reference: str
+    experiment: Experiment,
+    fit: FitRecord,
+    x: Array,
+    targets: Targets,
+    part: Indices,
+    reference: str,
+    taken_up: Absorbed | None,
 ) -> tuple[Array, ...]:
-    """Corrected angles, deflection, its part without the wrench, what is left, and the covariances, whole and of the
-    noise, of some targets."""
+    """Corrected angles, deflection, its part without the wrench, what is left, and `_spread` at each level, of some
+    targets."""
     model, robot = experiment.model(), experiment.robot
     wrench, start = targets.wrench[part], targets.pendant[part]
 
@@ -375,62 +385,30 @@ def _block(
         error = -pose_error(wanted, stand(pendant, x))
     names = [*fit.names, *(h.name for h in fit.held)]
     slope = tip_slope(model, names, x, lambda v: stand(pendant, v))
-    if reference == "unloaded":
-        slope = slope - tip_slope(model, names, x, lambda v: stand(start, v, False))
-    own, held = slope[..., : len(fit.names)], slope[..., len(fit.names) :]
-    frame = _frame_slope(fit, stand(pendant, x)) if reference == "commanded" else 0.0
-    whole, noise, open_ = _spread(model, fit, own + frame, held)
-    in_base, _, open_base = _spread(model, fit, own, held)
-    return pendant, deflection, bare, error, whole, noise, in_base, np.stack([open_, open_base], axis=1)
+    measured = 0 if reference == "unloaded" else len(names) if fit.account.positions else len(fit.names)
+    slope[..., measured:] -= tip_slope(model, names[measured:], x, lambda v: stand(start, v, False))
+    levels = (slope,) * 3 if taken_up is None else taken_up.levels(slope, stand(pendant, x))
+    spread = (np.stack(parts, axis=1) for parts in zip(*(_spread(model, fit, own) for own in levels), strict=True))
+    return pendant, deflection, bare, error, *spread
 
 
-def _spread(model: Model, fit: FitRecord, slope: Array, held: Array) -> tuple[Array, Array, Array]:
-    """Covariance (N, 6, 6) of an error with these slopes (N, 6, p) by estimates and (N, 6, h) by what was held; that
-    of the readings' noise alone; and how far (N, h) m a natural size moves the tip of what nobody states an sd of."""
-    noise, load = (
-        slope @ C @ slope.transpose(0, 2, 1)
-        for C in (fit.widening * fit.covariance, fit.whole_covariance - fit.covariance)
-    )
+def _spread(model: Model, fit: FitRecord, slope: Array) -> tuple[Array, Array, Array]:
+    """Covariance (N, 6, 6) of an error with these slopes (N, 6, p + h) by estimates and by what was held; that of the
+    readings' noise alone; and how far (N, h) m a natural size moves the tip of what nobody states an sd of."""
+    slope, held = slope[..., : len(fit.names)], slope[..., len(fit.names) :]
+    whole, noise = (slope @ C @ slope.transpose(0, 2, 1) for C in (fit.widened, fit.widening * fit.noise_covariance))
     moved = np.array([h.moved for h in fit.held]).reshape(len(fit.held), len(fit.names))
     wrong = slope @ moved.T - held
     sds = np.array([h.sd for h in fit.held])
     sizes = np.array([model.parameters[model.names.index(h.name)].scale for h in fit.held])
     known = wrong * np.nan_to_num(sds)
     open_ = np.linalg.norm(wrong[:, :3], axis=1) * np.where(np.isnan(sds), sizes, 0.0)
-    return noise + load + known @ known.transpose(0, 2, 1), noise, open_
+    return whole + known @ known.transpose(0, 2, 1), noise, open_
 
 
 def _series(fit: FitRecord) -> Frame | None:
     """The frame that positions were measured in, the first of several, where it was estimated."""
     return fit.frames[0] if fit.frames and fit.account.positions else None
-
-
-def _frame_slope(fit: FitRecord, tip: TipPose) -> Array:
-    """d tip / d motions of the frame that was measured in (N, 6, p), on the axes of the base."""
-    out = np.zeros((len(tip), 6, len(fit.names)))
-    frame = _series(fit)
-    if frame is None:
-        return out
-    at = [fit.names.index(p.name) for p in frame.parameters()]
-    back = frame.rotation.T
-    out[:, :3, at[:3]] = out[:, 3:, at[3:]] = back
-    out[:, :3, at[3:]] = -back @ cross_matrix(tip.position @ frame.rotation.T)
-    return out
-
-
-def tip_slope(model: Model, names: Sequence[str], x: Array, stand: Callable[[Array], TipPose]) -> Array:
-    """d tip / d parameters of these names (N, 6, p), by central differences of the full equilibrium.
-
-    Parameters that are not the model's, such as the tracker's frame, move no tip.
-    """
-    out = np.zeros((len(stand(x)), 6, len(names)))
-    for k, name in enumerate(names):
-        if name in model.names:
-            i = model.index([name])[0]
-            step = np.zeros(len(x))
-            step[i] = _STEP * max(model.parameters[i].scale, abs(x[i]))
-            out[:, :, k] = pose_error(stand(x + step), stand(x - step)) / (2.0 * step[i])
-    return out
 
 
 def _distance(covariance: Array) -> Array:

@@ -28,6 +28,8 @@ from qsframework.robot.corrected import moves, read_placements
 from qsframework.robot.denavit import Denavit, Serial, denavit
 
 CONVENTIONS = {"dh": "standard", "mdh": "modified (Craig)", "hayati": "standard with Hayati's beta"}
+TOLD = 0.9
+"""Share of a single number's variance that readings must have removed for it to go to a controller alone."""
 _POSES = 200
 _STEP = 1e-3
 _FAR = 10.0
@@ -42,8 +44,9 @@ _UR_CLOSE = 1e-6
 class Fitted:
     """A robot with its nominal and its fitted rigid kinematics.
 
-    offsets (m,) rad: what is to be added to each angle on the pendant, their sds (m,), NaN where none is quoted; own
-    (n,) rad: the part of each placement that turns its joint about its own axis, which does the same as an offset
+    offsets (m,) rad: what is to be added to each angle on the pendant, their sds (m,), NaN where none is quoted, and
+    the share (m,) of their variance before the readings that these removed, 1 where nothing was known; own (n,) rad:
+    the part of each placement that turns its joint about its own axis, which does the same as an offset
     held: the estimated parameters in it; missing: the others, which bend the arm, change with the pose, or are of the
     campaign; x (p,): all values of the model; account: that of the fit
     """
@@ -53,6 +56,7 @@ class Fitted:
     serial: Serial
     offsets: Array
     offset_sd: Array
+    offset_share: Array
     own: Array
     held: tuple[str, ...]
     missing: tuple[str, ...]
@@ -95,6 +99,9 @@ def fitted(experiment: Experiment, fit: FitRecord, *, anyway: bool = False) -> F
             slope[:, k] = (constant_geometry(model, x + step)[0] - angles) / _STEP
     slope = to_pendant @ slope[rows]
     sd = np.sqrt(np.einsum("ik,kl,il->i", slope, fit.whole_covariance + fit.held_covariance, slope))
+    known = np.array([0.0 if e.prior_sd is None or e.share is None else e.prior_sd for e in fit.estimates])
+    before = np.sqrt(np.square(slope * known).sum(axis=1))
+    share = np.where(before > 0.0, 1.0 - np.square(sd / np.where(before > 0.0, before, 1.0)), 1.0)
     tool = robot.flange.placement
     placements = facts.placements @ moves(robot, twists, angles)
     return Fitted(
@@ -103,6 +110,7 @@ def fitted(experiment: Experiment, fit: FitRecord, *, anyway: bool = False) -> F
         serial=Serial(frozen(placements), facts.axes, tool),
         offsets=frozen(to_pendant @ angles[rows]),
         offset_sd=frozen(np.where(slope.any(axis=1), sd, np.nan)),
+        offset_share=frozen(np.clip(share, 0.0, 1.0)),
         own=frozen(np.einsum("kc,kc->k", twists[:, 3:], facts.axes)),
         missing=tuple(n for n in fit.names if n not in held),
         x=frozen(x),
@@ -284,16 +292,17 @@ def offset_rows(one: Fitted) -> list[dict[str, str]]:
         drive = controller.drives[k] if controller.drives else None
         turns_of_joint = float(one.offsets[k]) / (2.0 * np.pi)
         ratio, counts = (None, None) if drive is None else (drive.ratio, drive.counts)
-        motor = None if ratio is None else turns_of_joint * ratio
-        sd = one.offset_sd[k]
+        told, sd = one.offset_share[k] >= TOLD, one.offset_sd[k]
+        motor = None if ratio is None or not told else turns_of_joint * ratio
         rows.append(
             {
                 "joint": joint,
                 "angle": f"J{k + 1}",
-                "add_deg": f"{360.0 * turns_of_joint + 0.0:.6f}",
+                "add_deg": f"{360.0 * turns_of_joint + 0.0:.6f}" if told else "",
                 "sd_deg": f"{np.rad2deg(sd):.6f}" if np.isfinite(sd) else "",
                 "motor_deg": "" if motor is None else f"{360.0 * motor + 0.0:.4f}",
                 "counts": "" if motor is None or counts is None else f"{motor * counts + 0.0:.1f}",
+                "identified_percent": f"{100.0 * one.offset_share[k]:.1f}",
                 "in_placement_deg": f"{np.rad2deg(one.own[controller.driven[k]]) + 0.0:.6f}",
             }
         )
@@ -308,6 +317,8 @@ def write_offsets(one: Fitted, path: Path) -> Path:
     comments = [
         f"robot: {one.experiment.robot.name}",
         "add_deg: to the angle on the pendant, then it is where the joint stands; counts: encoder counts of the motor",
+        "identified_percent: share of its variance before the readings that they removed; below 90 it is not to be",
+        "added alone, for other numbers do the same: take the whole kinematics",
         "in_placement_deg: a placement's turn about the joint's own axis, as an offset could do it too; not in add_deg",
     ]
     write_columns(path, list(rows[0]), [list(row.values()) for row in rows], comments)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from qsframework.cli.commands import distinct_outputs, write_json
 from qsframework.cli.kinds import kind
-from qsframework.cli.printing import print_folded
+from qsframework.cli.printing import print_folded, print_table
 from qsframework.cli.progress import steps
 from qsframework.errors import InputError, Problem, QsfError, all_of
 from qsframework.experiment import (
@@ -72,6 +72,8 @@ def check_files(files: Sequence[Path], json: Path | None, report: Path | None = 
     data = tuple(file for file in files if by_kind[file] == "readings")
     if data and list(by_kind.values()).count("experiment") != 1:
         raise InputError(Problem("readings are checked with one experiment", hint="qsf check EXPERIMENT READINGS..."))
+    from qsframework.report.prior_table import prior_table
+
     with steps("check", *map(str, files)) as begins:
 
         def begun(file: Path) -> Checked:
@@ -81,6 +83,10 @@ def check_files(files: Sequence[Path], json: Path | None, report: Path | None = 
         checked = all_of(partial(begun, file) for file in files if file not in data)
     for one in checked:
         print_folded(f"{one.file}: {one.said()}")
+        if one.experiment is not None:
+            table = prior_table(one.experiment, () if one.readings is None else one.readings.hashes)
+            print()
+            print_table(table.header, table.rows, caption=table.caption)
     if len(checked) == 1 and checked[0].experiment is not None:
         print("next: qsf", "identify" if checked[0].data else "design", *checked[0].files)
     if json is not None:
@@ -152,13 +158,16 @@ _MARK = {True: " ", False: "!", None: "?"}
 
 def _report(checked: Sequence[Checked], report: Path) -> None:
     from qsframework.report import write_report
+    from qsframework.report.blocks import Section
     from qsframework.report.check_section import found_section, readings_section
+    from qsframework.report.prior_table import prior_table
     from qsframework.report.provenance import robots_computed
     from qsframework.report.robot_section import robot_section
 
     sections = [found_section([(str(c.file), c.words, c.lines) for c in checked])]
     for c in checked:
         if c.experiment is not None and c.readings is not None:
+            sections.append(Section("Known before the readings", (prior_table(c.experiment, c.readings.hashes),)))
             sections.append(readings_section(c.experiment, c.readings, "/".join(c.file.parts[-2:])))
     sections += [robot_section(robot) for robot in {c.robot.folder: c.robot for c in checked}.values()]
     files = [path for c in checked if c.experiment is not None for path in (c.experiment.path, *c.data)]

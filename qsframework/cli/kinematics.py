@@ -8,6 +8,7 @@ from pathlib import Path
 from qsframework.applications.kinematics import WRITERS, Fitted, Written, fitted, offset_rows, write_offsets
 from qsframework.cli.commands import certificate_of_positions, distinct_outputs, load_campaign, write_json
 from qsframework.cli.printing import print_folded, print_notes, print_table
+from qsframework.errors import some_of
 from qsframework.files import as_file
 from qsframework.identify import read_fit
 
@@ -37,6 +38,10 @@ def run_kinematics(
         print_folded(_said(_NAMES[kind], written))
     if offsets is not None:
         print(f"offsets of the joints: {write_offsets(one, offsets)}")
+        alone = [row["joint"] for row in rows if not row["add_deg"]]
+        if alone:
+            words = f"no offset of {some_of(alone)}: not identifiable beside other numbers that do the same"
+            print_folded(f"{words}. Take the whole kinematics.")
     if json is not None:
         content = {kind: _content(written) for kind, written in files.items()}
         more = {"held": list(one.held), "missing": list(one.missing), "account": as_file(one.account)}

@@ -44,6 +44,7 @@ SHARED = {
 """Options that many commands have: `qsf --help` explains them."""
 GONE = {
     "design --worst": "--samples plans for the mean over the draws.",
+    "identify --priors": "what is known before the readings counts always; --free counts nothing as known.",
     "identify --urdf": "qsf kinematics --urdf writes it.",
 }
 """Options that a command has no longer, with what serves instead."""

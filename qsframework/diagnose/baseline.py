@@ -4,7 +4,6 @@ noise that it leaves."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,7 +30,6 @@ from qsframework.hypotheses.columns import Case, make_case
 from qsframework.hypotheses.exact_refit import SettledFit, settle_fit
 from qsframework.hypotheses.search.model_selection import refit
 from qsframework.information.identifiable import in_order
-from qsframework.information.selection import at_found_markers
 from qsframework.plugin import Array, Indices
 
 
@@ -119,13 +117,6 @@ def start_of(experiment: Experiment, readings: Readings) -> StartingFit:
             raise
         missing = f"These readings do not identify {', '.join(unidentifiable)}: kept at the nominal value"
         raise NotConverged(f"{error}. {missing}") from error
-    about = at_found_markers(seen, fit.x)
-    again, other = (names, unidentifiable) if about is None else split_told(about)
-    if again != names:  # the markers' places were a guess
-        at = model.index(list(again))
-        x[at] = fit.x[at]
-        with suppress(NotConverged):
-            fit, unidentifiable = settle_fit(model, rows, again, x, frames=fit.frames), other
     return StartingFit(experiment, readings, rows, fit, unidentifiable)
 
 

@@ -51,7 +51,8 @@ class LinearFit:
     """Least squares at its solution: columns Q (m, f), Q Q' y its predictions, and white (m,) what they leave.
 
     noise: by which both are whitened, None: independent; stated: whether its size is known; used (m,): the coordinates
-    that were fitted, None: all. Of the others Q Q' is the covariance of their predictions
+    that were fitted, None: all. Of the others Q Q' is the covariance of their predictions; priors (k,): what the fit
+    leaves, in the sds of the readings, of the k values that were known before: they count as readings
     """
 
     Q: Array
@@ -59,6 +60,7 @@ class LinearFit:
     noise: Noise | None = None
     stated: bool = True
     used: Flags | None = None
+    priors: Array | None = None
 
     @classmethod
     def of(cls, columns: Array, readings: Array, noise: Noise, stated: bool = True) -> LinearFit:
@@ -73,15 +75,16 @@ class LinearFit:
     @property
     def dof(self) -> int:
         """Coordinates that were used, less the columns that they tell: one that is held counts by what they add."""
+        known = 0 if self.priors is None else len(self.priors)
         if self.used is None:
-            return len(self.white) - self.Q.shape[1]
+            return len(self.white) + known - self.Q.shape[1]
         return int(self.used.sum()) - round(float(np.square(self.Q[self.used]).sum()))
 
     @cached_property
     def chi2(self) -> float:
         """Sum of squares that the fit leaves of what it used."""
         own = self.white if self.used is None else self.white[self.used]
-        return float(own @ own)
+        return float(own @ own) + (0.0 if self.priors is None else float(self.priors @ self.priors))
 
     @property
     def residuals(self) -> Array:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,8 +23,8 @@ class Observations:
     noise       covariance of the readings, up to a factor where `stated` is False
     block       (m,) number of what is left out together: the pose, and all that shares its references
     row         (m,) number of the reading that each scalar belongs to
-    held        (p,) weak hold on each parameter, 1 / sd of whitened readings per SI: what keeps a direction that
-                readings hardly tell near its nominal value; None: none
+    prior       (p,) value of each parameter before the readings, None: the nominal ones
+    prior_sd    (p,) sd of that, inf where nothing is known; None: nothing is known of any
     reach       SI: size of the numbers that predictions are differences of, whose rounding they carry; 0: none
     """
 
@@ -36,7 +36,8 @@ class Observations:
     block: Indices
     row: Indices
     stated: bool = True
-    held: Array | None = None
+    prior: Array | None = None
+    prior_sd: Array | None = None
     reach: float = 0.0
     rates: Callable[[Array], tuple[Array, Array]] | None = None
 
@@ -49,19 +50,16 @@ class Observations:
         """The nominal values (p,)."""
         return np.array([p.nominal for p in self.parameters])
 
-    def holds(self, priors: bool) -> tuple[Array, Array]:
-        """By which weight (p,), 1 / sd, each parameter is held to which value (p,).
+    @property
+    def known(self) -> tuple[Array, Array]:
+        """By which weight (p,), 1 / sd, each parameter is known before the readings, and which value (p,) it has."""
+        weight = np.zeros(len(self.parameters)) if self.prior_sd is None else 1.0 / self.prior_sd
+        return weight, self.start if self.prior is None else self.prior
 
-        To its nominal value by its stated sd where `priors`, by `held` else; what is pulled by itself to its null.
-        """
-        weight = np.zeros(len(self.parameters)) if self.held is None else self.held.copy()
-        towards = self.start
-        for i, p in enumerate(self.parameters):
-            if priors and p.sd is not None:
-                weight[i] = 1.0 / p.sd
-            elif p.pull is not None and p.null is not None:
-                towards[i] = p.null
-        return weight, towards
+    def knowing(self, sds: Mapping[str, float]) -> Observations:
+        """The same with other sds of some values before the readings, by name."""
+        before = [np.inf] * len(self.parameters) if self.prior_sd is None else self.prior_sd.tolist()
+        return replace(self, prior_sd=np.array([sds.get(n, b) for n, b in zip(self.names, before, strict=True)]))
 
     @property
     def least(self) -> float:

@@ -22,7 +22,7 @@ class FitOptions(Options, FileRecord):
     ] = "one-step"
     linear: Linear = False
     bounds: Annotated[bool, Option("Keep the parameters' bounds.")] = False
-    priors: Annotated[bool, Option("Use stated values and sds as prior information.")] = False
+    free: Annotated[bool, Option("Count nothing as known before the readings: classical least squares.")] = False
     loss: Annotated[str, Option("linear, huber or soft_l1.", choices=("linear", "huber", "soft_l1"))] = "linear"
     fixed: Annotated[tuple[str, ...], Option("Hold this parameter at its value.")] = ()
     tied: Annotated[
@@ -53,11 +53,11 @@ class FitOptions(Options, FileRecord):
         if twice:
             hint = "A parameter is in one group at most, once, and what is tied is estimated."
             problems.append(Problem(f"tied and fixed, or tied twice: {', '.join(twice)}", hint=hint))
-        more = self.bounds or self.priors or self.loss != "linear" or self.tied or self.fixed or self.profile
+        more = self.bounds or self.loss != "linear" or self.tied or self.fixed or self.profile
         if self.method == "two-step" and more:
             problems.append(
                 Problem(
-                    "the two-step method is plain least squares, twice: bounds, priors, loss, fixed, tied and "
+                    "the two-step method is plain least squares, twice: bounds, loss, fixed, tied and "
                     "profile are for method one-step"
                 )
             )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import count
@@ -23,8 +23,8 @@ _STEPS = 200
 """Predictions after which a descent is given up: one that converges takes some ten."""
 _SILENT = 25
 """Predictions that are not finite after which a fit is given up."""
-_STILL = 1e-12
-"""Relative change of the variables below which a step is rounding: no prediction has the digits to follow it."""
+_STILL = 1e-9
+"""Relative change of the variables below which a step is rounding: linear steps after it give the digits it leaves."""
 _LAST = 2
 """Linear steps after that, for the digits that a trust region leaves: each squares what is missing."""
 _STUCK = 1e-2
@@ -37,6 +37,8 @@ _TOGETHER = 60_000
 """Rows of which one triangular factor is taken at once."""
 _ROUNDS = 50
 _SETTLED = 1e-6
+_ROUGH = 1e-3
+"""Tolerance of the first solution, which only says how large the noise is."""
 _MAD = 1.4826
 _TOLD = 1e-9
 """Share of the largest singular value, of scaled sensitivities, below which a direction is not told."""
@@ -46,15 +48,15 @@ FAR = 1e9
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Solution:
-    """The minimum: x (p,), whitened sensitivities (m, p) and residuals (m,) there, both per SI and without priors.
+    """The minimum: x (p,), whitened sensitivities (m, p) and residuals (m,) there, both without priors.
 
     cost is half the sum of squares, priors included (of a robust loss: half the sum of rho). covariance (p, p) is for
     noise of the stated size; rows of fixed parameters and of those at a bound are zero, for no sd can be quoted there.
     robust: factor on the covariance that a robust loss costs, 1 otherwise; weights (m,) that it gave to the readings.
-    free_sd (p,): the sds that bounds aside the readings would give, infinite where they cannot tell. alone_sd (p,): the
-    same without weak holds, of the readings (and stated sds that count as such) alone.
+    free_sd (p,): the sds that bounds aside the readings and priors would give, infinite where they cannot tell.
     unit: size of the noise that was found where it had to be known to weigh priors or gross readings, else None.
-    hat (m, f): H = hat hat' is the share of each reading in its own prediction, priors and weak holds counted
+    hat (m, f): H = hat hat' is the share of each reading in its own prediction, priors counted; priors (k,): what the
+    values are from before, in sds, of the k parameters of which something was known
     """
 
     x: Array
@@ -67,8 +69,8 @@ class Solution:
     free: int
     weights: Array
     free_sd: Array
-    alone_sd: Array
     hat: Array
+    priors: Array
     robust: float = 1.0
     unit: float | None = None
 
@@ -92,7 +94,7 @@ def solve(
     """
     x0 = observations.start if start is None else np.asarray(start, dtype=float)
     reduction = reduce(observations.parameters, x0, options.fixed, options.tied, options.bounds)
-    problem = _Problem(observations, reduction, options.priors, Loss(options.loss, unit))
+    problem = _Problem(observations, reduction, Loss(options.loss, unit))
     best: _Minimum | None = None
     failed: NotConverged | None = None
     for z in (np.zeros(reduction.free), *_other_starts(problem, options.starts, seed)):
@@ -114,31 +116,32 @@ def settle(
     observations: Observations, options: FitOptions = PLAIN, start: Array | None = None, tolerance: float = 1e-7
 ) -> Solution:
     """`solve`, and where priors or a robust loss need the size of an unstated noise, that too."""
-    if observations.stated or (options.loss == "linear" and not options.priors):
+    weighed = options.loss != "linear" or observations.known[0].any()
+    if observations.stated or not weighed:
         return solve(observations, options, start, tolerance=tolerance)
     noise, measured = observations.noise, observations.measured
     least = observations.least
     first = noise.whiten(measured - observations.predict(observations.start if start is None else start))
-    unit = max(_size(first, 0, options.loss), least)
-    for _ in range(_ROUNDS):
+    unit = max(_size(first, 0.0, options.loss), least)
+    for k in range(_ROUNDS):
         scaled = replace(observations, noise=Scaled(noise, unit, len(measured)))
-        solution = solve(scaled, options, start, tolerance=tolerance)
+        solution = solve(scaled, options, start, tolerance=tolerance if k else max(tolerance, _ROUGH))
         start = solution.x
-        new = max(unit * _size(solution.residuals, solution.free, options.loss), least)
+        told = float(np.square(solution.hat).sum())  # E[r'r] = sigma^2 (m - tr H), priors counted
+        new = max(unit * _size(solution.residuals, told, options.loss), least)
         if abs(new - unit) <= _SETTLED * unit + least:
             return replace(
                 solution,
                 covariance=solution.covariance / unit**2,
                 free_sd=solution.free_sd / unit,
-                alone_sd=solution.alone_sd / unit,
                 unit=unit,
             )
         unit = new
     raise NotConverged(f"the size of the noise did not settle in {_ROUNDS} rounds; state sigma_mm in the experiment")
 
 
-def _size(residuals: Array, free: int, loss: str) -> float:
-    """Sd of residuals that `free` parameters were fitted to; of a robust loss by their median, which outliers spare."""
+def _size(residuals: Array, free: float, loss: str) -> float:
+    """Sd of residuals of which the fit took `free`; of a robust loss by their median, which outliers spare."""
     share = len(residuals) / (len(residuals) - free)
     if loss == "linear":
         return float(np.sqrt(np.mean(residuals**2) * share))
@@ -151,7 +154,6 @@ class _Problem:
 
     observations: Observations
     reduction: Reduction
-    priors: bool
     loss: Loss
 
     def residuals(self, z: Array) -> Array:
@@ -182,9 +184,8 @@ class _Problem:
             raise NotConverged(f"{error}. Of what is fitted {_farthest(self, z)}") from error
 
     def prior(self, z: Array) -> tuple[Array, Array]:
-        """Residuals and rows of the priors and of weak holds."""
-        o = self.observations
-        weight, towards = o.holds(self.priors)
+        """Residuals and rows of the priors."""
+        weight, towards = self.observations.known
         known = np.flatnonzero((weight > 0.0) & self.reduction.moved)
         weight = weight[known]
         return weight * (towards - self.reduction.x(z))[known], self.reduction.T[known] * weight[:, None]
@@ -300,6 +301,8 @@ def _descend(problem: _Problem, z: Array, tolerance: float) -> _Minimum:
             raise _NoAnswer(f"the model has no answer where the fit leads: {_farthest(problem, at)}")
         return -np.concatenate([r, problem.prior(at)[0]])
 
+    if np.linalg.norm(R[:, :-1] @ step) <= tolerance * np.linalg.norm(R[:, -1]):  # it begins as good as there
+        return _ended(problem, z, r, whole, 1)
     found = least_squares(
         residuals,
         z,
@@ -315,19 +318,24 @@ def _descend(problem: _Problem, z: Array, tolerance: float) -> _Minimum:
     )
     if not found.success or np.any(np.abs(found.x) > FAR * np.maximum(reduction.spread, 1.0)):
         raise NotConverged(f"the fit did not settle in {found.nfev} steps: {_farthest(problem, found.x)}")
-    z, r = found.x, problem.residuals(found.x)
+    return _ended(problem, found.x, problem.residuals(found.x), whole, found.nfev)
+
+
+def _ended(problem: _Problem, z: Array, r: Array, whole: Callable[[bytes], Array], steps: int) -> _Minimum:
+    """The minimum that linear steps from z, near it, end at."""
+    reduction = problem.reduction
     for _ in range(_LAST):
         R, step = _linear_step(problem, z, r, whole(z.tobytes()))
         gain = float(np.linalg.norm(R[:, :-1] @ step))
         if gain > _STUCK * np.linalg.norm(R[:, -1]) and gain**2 > problem.digits():
             raise NotConverged(
-                f"the fit is stuck after {found.nfev} steps: no step lowers the sum of squares, though it has a slope. "
+                f"the fit is stuck after {steps} steps: no step lowers the sum of squares, though it has a slope. "
                 "Look at the units of readings and loads, start nearer, or fix a parameter"
             )
         last = np.clip(z + step, reduction.lower, reduction.upper)
         there = problem.residuals(last)
         z, r = (last, there) if np.all(np.isfinite(there)) else (z, r)
-    return _Minimum(problem.cost(z, r), z, r, whole(z.tobytes()), found.nfev)
+    return _Minimum(problem.cost(z, r), z, r, whole(z.tobytes()), steps)
 
 
 def _linear_step(problem: _Problem, z: Array, r: Array, whole: Array) -> tuple[Array, Array]:
@@ -349,15 +357,15 @@ def _farthest(problem: _Problem, z: Array) -> str:
     i = problem.observations.names.index(name)
     p = problem.observations.parameters[i]
     value = f"{name} is at {problem.reduction.x(z)[i]:.3g} {p.unit}, nominal {p.nominal:.3g}"
-    return f"{value}. Look at the units of readings and loads; else fix this parameter or state priors"
+    return f"{value}. Look at the units of readings and loads; else fix this parameter or state its sd"
 
 
 def _solution(problem: _Problem, best: _Minimum) -> Solution:
     z, r = best.z, best.residuals
     reduction = problem.reduction
     x, whole = reduction.x(z), best.whole
-    told = _factor(whole @ reduction.T)
-    R = _factor(np.vstack([told, problem.prior(z)[1]]))
+    away, known = problem.prior(z)
+    R = _factor(np.vstack([whole @ reduction.T, known]))
     bound = (z <= reduction.lower) | (z >= reduction.upper)
     inside = np.flatnonzero(~bound)
     stopped = tuple(n for i in np.flatnonzero(bound) for n in reduction.names[i])
@@ -376,8 +384,8 @@ def _solution(problem: _Problem, best: _Minimum) -> Solution:
         free=len(inside),
         weights=problem.loss.weights(r),
         free_sd=_sds(R, reduction.T) * np.sqrt(robust),
-        alone_sd=_sds(_alone(problem, told), reduction.T) * np.sqrt(robust),
         hat=whole @ (T @ half),
+        priors=away,
         robust=robust,
     )
 
@@ -385,13 +393,6 @@ def _solution(problem: _Problem, best: _Minimum) -> Solution:
 def _factor(rows: Array) -> Array:
     """The triangular factor (q, q) of rows (m, q); the rows themselves where they are few."""
     return np.asarray(np.linalg.qr(rows, mode="r")) if len(rows) > rows.shape[1] else rows
-
-
-def _alone(problem: _Problem, J: Array) -> Array:
-    """Rows of the readings J (m, q), or their factor, and of stated sds that count as such, with no weak hold."""
-    o, T = problem.observations, problem.reduction.T
-    stated = [i for i, p in enumerate(o.parameters) if problem.priors and p.sd is not None and np.any(T[i])]
-    return np.vstack([J, *(T[i : i + 1] / (o.parameters[i].sd or 1.0) for i in stated)])
 
 
 def _sds(rows: Array, T: Array) -> Array:
@@ -426,8 +427,8 @@ def solution_at(observations: Observations, x: Array, covariance: Array) -> Solu
         free=len(x),
         weights=np.ones(len(r)),
         free_sd=sd,
-        alone_sd=sd,
         hat=hat,
+        priors=np.zeros(0),
     )
 
 

@@ -13,7 +13,6 @@ from qsframework.errors import InputError, NotConverged, NotIdentifiable, Proble
 from qsframework.estimation.noise import Scaled
 from qsframework.estimation.observations import Observations
 from qsframework.estimation.options import FitOptions
-from qsframework.estimation.projection import least_squares
 from qsframework.estimation.robust import Loss
 from qsframework.estimation.solver import Solution, solve
 from qsframework.estimation.tails import chi2_isf, f_isf
@@ -22,25 +21,12 @@ from qsframework.plugin import Array
 
 _STEPS = 60
 _CLOSE = 1e-6
-_TIED = 1e-13
-"""Share of the largest eigenvalue of a correlation matrix that is rounding: the parameters of a group are tied."""
 
 
 def propagated(solution: Solution, columns: Array) -> Array:
-    """How far each estimate moves (p, k) where errors common to all readings, columns (m, k) whitened, act on them."""
-    U = _free_directions(solution.covariance)
-    return U @ least_squares(solution.jacobian @ U, columns)
-
-
-def _free_directions(covariance: Array) -> Array:
-    """Directions (p, f) in which a fit with this covariance (p, p) can move: tied parameters move together."""
-    sd = np.sqrt(np.diag(covariance))
-    free = np.flatnonzero(sd > 0.0)
-    values, vectors = np.linalg.eigh(covariance[np.ix_(free, free)] / np.outer(sd[free], sd[free]))
-    kept = values > _TIED * values[-1]
-    U = np.zeros((len(sd), int(kept.sum())))
-    U[free] = sd[free, None] * vectors[:, kept]
-    return U
+    """How far each estimate moves (p, k) where errors common to all readings, columns (m, k) whitened, act on them:
+    C J' columns, what is known before the readings counted."""
+    return (solution.unit or 1.0) / solution.robust * solution.covariance @ (solution.jacobian.T @ columns)
 
 
 @dataclass(frozen=True)
@@ -101,8 +87,9 @@ def _allowed(observations: Observations, solution: Solution, level: float) -> tu
     if observations.stated:
         rise = float(chi2_isf(1.0 - level, 1))
     else:
-        dof = len(solution.residuals) - solution.free
-        rise = float(f_isf(1.0 - level, 1, dof)) * 2.0 * solution.cost / dof
+        dof = len(solution.residuals) + len(solution.priors) - solution.free
+        variance = 2.0 * solution.cost / dof if solution.unit is None else 1.0  # of the noise that was found
+        rise = float(f_isf(1.0 - level, 1, dof)) * variance
     return rise, float(np.sqrt(rise))
 
 
@@ -113,10 +100,9 @@ def _profile(observations: Observations, solution: Solution, i: int, options: Fi
     tangent = solution.covariance[:, i] / (solution.covariance[i, i] or 1.0)  # a parameter at its bound has none
     ends = [(p.lower, p.upper) if options.bounds else (-np.inf, np.inf) for p in observations.parameters]
     lower, upper = np.array(ends).T
-    weight, towards = (float(v[i]) for v in observations.holds(options.priors))
+    weight, towards = (float(v[i]) for v in observations.known)
     held = FitOptions(
         bounds=options.bounds,
-        priors=options.priors,
         loss=options.loss,
         tied=options.tied,
         fixed=(*options.fixed, name),

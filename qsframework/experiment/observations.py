@@ -21,6 +21,7 @@ from qsframework.errors import InputError
 from qsframework.estimation import Noise, Observations, grouped
 from qsframework.estimation.noise import Blocks, Group, Independent, connected
 from qsframework.experiment.frames import Frame, check_spread, motion_count, procrustes, spans
+from qsframework.experiment.prior import Priors, priors_of
 from qsframework.experiment.readings import Readings
 from qsframework.experiment.setup import Experiment
 from qsframework.plugin import Array, Conditions, Indices, Parameter, Poses
@@ -548,6 +549,11 @@ class ObservationModel:
     def jacobian(self, z: Array) -> Array:
         return self.rates(z)[1]
 
+    @cached_property
+    def priors(self) -> Priors:
+        """What is known of all parameters of the model before these readings."""
+        return priors_of(self.model, self.rows.readings.hashes)
+
     @property
     def reach(self) -> float:
         """m: size of the numbers that predictions are differences of; the tangent model has displacements as such."""
@@ -555,6 +561,8 @@ class ObservationModel:
 
     def observations(self) -> Observations:
         """What the solver works on; where it ends one fit and begins the next, it is told what it knows."""
+
+        own = self.model.index(self.names)
 
         @lru_cache(maxsize=1)
         def last(z: bytes) -> tuple[Array, Array]:
@@ -571,6 +579,8 @@ class ObservationModel:
             stated=self.rows.stated,
             reach=self.reach,
             rates=lambda z: last(z.tobytes()),
+            prior=np.concatenate([np.zeros(self.motions), self.priors.value[own]]),
+            prior_sd=np.concatenate([np.full(self.motions, np.inf), self.priors.sd[own]]),
         )
 
 

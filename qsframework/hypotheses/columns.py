@@ -15,10 +15,10 @@ from qsframework.estimation.projection import least_squares
 from qsframework.experiment import Experiment, Frame, Plan, make_rows
 from qsframework.experiment.frames import motion_count
 from qsframework.experiment.observations import ReadingRows
+from qsframework.experiment.prior import priors_of
 from qsframework.experiment.simulate import noisy_displacements, planned_readings
 from qsframework.experiment.stations import station_frame
 from qsframework.hypotheses.catalogue.causes import REACH, Cause, groups_of, widened
-from qsframework.information.selection import held_of
 from qsframework.plugin import Array, Indices, Poses
 
 VISIBLE = 4.0
@@ -74,9 +74,9 @@ class Case:
 
     frames: about which motions are counted; x: values of all parameters of `model`, which holds every cause;
     residuals (m,) whitened, of the baseline fit (zero where nothing has been measured yet); pose (m,): number of the
-    pose of each coordinate; raw (m, q): all columns in m, not whitened; held (6 F + f,): weak hold of what is
-    fitted to its value, or to `aim` (6 F + f,) beyond it, per column; noise: by which columns and residuals are
-    whitened;
+    pose of each coordinate; raw (m, q): all columns in m, not whitened; held (6 F + f,): 1 / sd of what is
+    known of what is fitted before the readings, to be `aim` (6 F + f,) beyond its value, per column; noise: by which
+    columns and residuals are whitened;
     grown: how many times the stated noise it is: what is seen is judged by the latter, as a misfit may pass for noise
     """
 
@@ -118,7 +118,7 @@ class Case:
 
     def held_out_errors(self, columns: Array, label: Indices) -> Array:
         """Whitened errors (m,) of blocks of coordinates, by label, after a fit of columns (m, p) to all others, NaN of
-        label -1. What is fitted stands first: it is held weakly to the fit of all, or to what a prior draws it to."""
+        label -1. What is fitted stands first, with what is known of it before."""
         A, y = self._with_holds(columns)
         blocks = np.concatenate([label, np.full(len(A) - len(label), -1)])
         out = LinearFit.onto(orthonormal(A), y).held_out_errors(blocks, _CARRIED)[: len(label)]
@@ -223,6 +223,8 @@ def make_case(
     )
     raw, noise = columns * sizes, rows.padded_noise
     A, B = _split(noise.whiten(raw), motion_count(frames) + len(fitted), causes)
+    index, known = model.index(fitted), priors_of(model, rows.readings.hashes)
+    own = [model.parameters[i] for i in index]
     return Case(
         experiment=experiment,
         model=model,
@@ -235,18 +237,10 @@ def make_case(
         residuals=noise.whiten(residuals.ravel()),
         pose=np.repeat(rows.pose, 3),
         raw=raw,
-        held=np.concatenate([np.zeros(motion_count(frames)), 1.0 / held_of(model, fitted)]),
+        held=np.concatenate([np.zeros(motion_count(frames)), scales(own) / known.sd[index]]),
         noise=noise,
-        aim=np.concatenate([np.zeros(motion_count(frames)), _back(model, fitted, values)]),
+        aim=np.concatenate([np.zeros(motion_count(frames)), (known.value - values)[index] / scales(own)]),
     )
-
-
-def _back(model: Model, fitted: Sequence[str], values: Array) -> Array:
-    """Of fitted parameters (f,) that are pulled to their null, how far that is from their values, in their scales."""
-    index = model.index(fitted)
-    own = [model.parameters[i] for i in index]
-    far = [0.0 if p.pull is None else (p.null or 0.0) - v for p, v in zip(own, values[index], strict=True)]
-    return far / scales(own)
 
 
 def _split(white: Array, first: int, causes: Sequence[Cause]) -> tuple[Array, tuple[Array, ...]]:

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError, NotConverged
-from qsframework.estimation import FitOptions, scales, solve
+from qsframework.estimation import FitOptions, settle
 from qsframework.experiment import Frame, ObservationModel
 from qsframework.experiment.observations import ReadingRows
-from qsframework.information.selection import held_of
 from qsframework.plugin import Array
 
 _PLAIN = FitOptions(starts=0)
@@ -59,14 +58,14 @@ def settle_fit(
     """Fit `names`, and the frames that nobody knows, from `start` (q,), all others held there.
 
     priors: (name, sd) of parameters that are pulled to their nominal values, so that directions which no reading shows
-    stay there; geometry and markers weakly always are. Bounds are not kept: a value beyond one says that the model is
+    stay there, beside what is known of the others. Bounds are not kept: a value beyond one says that the model is
     wrong.
 
     Raises NotConverged where the steps settle neither from the start nor from a linear fit, as where the arm cannot
     bear its loads; NotIdentifiable where readings cannot tell the names.
     """
     own = rows.start(model, start) if frames is None else tuple(frames)
-    pulled = _weakly(model, names) | dict(priors)
+    pulled = dict(priors)
     try:
         return _settled(ObservationModel(model, rows, own, start, tuple(names)), pulled)
     except (NotConverged, InputError):  # the nominal arm may not bear the load that a fitted one does
@@ -80,21 +79,10 @@ def settle_fit(
             ) from error
 
 
-def _weakly(model: Model, names: Sequence[str]) -> dict[str, float]:
-    """sd of the weak hold on what few poses may hardly tell, SI."""
-    sizes = held_of(model, names) * scales([model.parameters[i] for i in model.index(list(names))])
-    return {n: float(s) for n, s in zip(names, sizes, strict=True) if np.isfinite(s)}
-
-
 def _settled(seen: ObservationModel, priors: dict[str, float]) -> SettledFit:
-    observations = seen.observations()
-    pulls = {p.name: p.pull for p in seen.parameters if p.pull is not None}
-    if priors or pulls:
-        sds = pulls | priors
-        held = np.array([1.0 / sds[p.name] if p.name in sds else 0.0 for p in seen.parameters])
-        observations = replace(observations, held=held)
-    found = solve(observations, _PLAIN, seen.start, tolerance=_CLOSE)
-    return _fit_at(seen, found.x, found.covariance, found.residuals, found.jacobian)
+    found = settle(seen.observations().knowing(priors), _PLAIN, seen.start, tolerance=_CLOSE)
+    unit = 1.0 if found.unit is None else found.unit
+    return _fit_at(seen, found.x, found.covariance, unit * found.residuals, unit * found.jacobian)
 
 
 def _fit_at(seen: ObservationModel, z: Array, covariance: Array, residuals: Array, jacobian: Array) -> SettledFit:

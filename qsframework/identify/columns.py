@@ -54,12 +54,7 @@ COLUMNS = [
     FitColumn(key="unit", head="unit", value=lambda _, e: e.unit, unit=OWN, brief=True),
     FitColumn(head="stiffness", value=lambda _, e: _stiffness(e), unit="stiffness"),
     FitColumn(head="sd, %", value=lambda _, e: _share(e), unit="%", brief=True),
-    FitColumn(
-        key="readings_sd",
-        head="sd of the readings alone",
-        value=lambda _, e: e.readings_sd if e.held else math.nan,
-        unit=OWN,
-    ),
+    FitColumn(key="share", head="identified, %", value=lambda _, e: math.nan if e.share is None else e.share, unit="%"),
     FitColumn(key="limit", head="95 % limit", value=lambda _, e: e.limit, unit=OWN),
     FitColumn(key="initial", head="initial", value=lambda _, e: e.initial, unit=OWN, brief=True),
     FitColumn(key="state", head="status", value=lambda _, e: e.state.value, brief=True),

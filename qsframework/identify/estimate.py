@@ -20,10 +20,6 @@ as soft, three payloads of unknown mass. The sizes and what they rest on stand w
 _FAR = 5.0
 """Prior standard deviations from the initial value beyond which an estimate deserves a second look."""
 _LIMIT = 1.96
-_HELD = 1.05
-"""Ratio of the sd of the readings alone to the quoted one from which a weak hold is worth a word."""
-_UNIDENTIFIABLE = 10.0
-"""Natural sizes above which the sd of the readings alone makes a held parameter one that they do not tell."""
 
 
 class EstimateState(Enum):
@@ -45,8 +41,9 @@ class Estimate(FileRecord):
 
     sd is NaN where the value stands at its bound, for the fit then says nothing about the other side; 0 where fixed.
     limit: of a value that is not told from zero, the size that it has at most (95 %); free_sd: the sd bounds aside;
-    readings_sd: of the readings alone, where a weak hold keeps the value near its nominal one; size: the parameter's
-    natural size; prior_sd: stated, or None
+    size: the parameter's natural size; initial, prior_sd: value and sd before the readings, None where nothing is
+    known; share: of the variance before them that the readings removed, None where they alone count; counted_sd:
+    that counted beside the readings, larger than prior_sd where this arm is seen to lie further off
     """
 
     name: str
@@ -59,28 +56,21 @@ class Estimate(FileRecord):
     state: EstimateState = EstimateState.FINE
     limit: float | None = None
     free_sd: Annotated[float, null(math.inf)] = math.inf
-    readings_sd: Annotated[float, null(math.inf)] = math.inf
     size: float = 1.0
     prior_sd: float | None = None
+    share: float | None = None
+    counted_sd: float | None = None
 
     @property
     def beyond(self) -> float:
         """How far the value lies beyond its bounds."""
         return max(self.lower - self.value, self.value - self.upper, 0.0)
 
-    @property
-    def held(self) -> bool:
-        """Whether the sd is much of a weak hold: the readings alone would give a larger one."""
-        return self.sd > 0.0 and self.readings_sd > _HELD * self.sd
 
-
-def estimate_of(p: Parameter, value: float, sd: float, free: float, alone: float | None = None) -> Estimate:
-    """An estimate with its state; `free` is the sd that it would have without its bounds, `alone` that of the readings
-    where something holds it."""
-    alone = sd if alone is None else alone
+def estimate_of(p: Parameter, value: float, sd: float, free: float, counted: bool = False) -> Estimate:
+    """An estimate with its state, of a parameter as it was known before; `free` is the sd that it would have without
+    its bounds; counted: whether what was known before counted beside the readings."""
     state, limit = _state(p, value, sd, free)
-    if sd > 0.0 and alone > max(_HELD * sd, _UNIDENTIFIABLE * p.typical):
-        state, limit = EstimateState.NOT_IDENTIFIABLE, None
     return Estimate(
         name=p.name,
         unit=p.unit,
@@ -92,9 +82,9 @@ def estimate_of(p: Parameter, value: float, sd: float, free: float, alone: float
         state=state,
         limit=limit,
         free_sd=free,
-        readings_sd=alone,
         size=p.scale,
         prior_sd=p.sd,
+        share=max(1.0 - (sd / p.sd) ** 2, 0.0) if counted and p.sd and sd > 0.0 else None,
     )
 
 

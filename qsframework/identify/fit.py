@@ -27,7 +27,9 @@ KINDS = ("position", "displacement", "gauge")
 class Found:
     """What a method found: the bridge at its values, the solution, and what is not estimated.
 
-    covariance (p, p) of noise of the stated size; solved: the observations of the solution, weak holds included
+    covariance (p, p) of noise of the stated size; solved: the observations of the solution, with what is known before
+    them; vague: the springs that these tell worse than their own size; before (p,): sds of what was
+    known, as they were before an arm was seen to lie further off
     """
 
     seen: ObservationModel
@@ -37,6 +39,8 @@ class Found:
     left: tuple[NotEstimated, ...] = ()
     notes: tuple[str, ...] = ()
     solved: Observations | None = None
+    vague: tuple[str, ...] = ()
+    before: Array | None = None
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)

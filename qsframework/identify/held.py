@@ -7,16 +7,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
+import numpy as np
+
 from qsframework.elastostatics import Model
 from qsframework.estimation import Solution, propagated
 from qsframework.experiment import ObservationModel
+from qsframework.experiment.prior import Priors
 from qsframework.files import FileRecord, Lists, null
 from qsframework.plugin import Array
 
 
 @dataclass(frozen=True, eq=False)
 class Held(FileRecord):
-    """A parameter held at nominal: its stated sd, NaN where nobody states one, and by how much each estimate (p,) is
+    """A parameter held at nominal: the sd of that, NaN where nothing is known, and by how much each estimate (p,) is
     wrong for one unit by which the parameter is."""
 
     name: str
@@ -27,21 +30,24 @@ class Held(FileRecord):
 def held_at_nominal(
     seen: ObservationModel, x: Array, solution: Solution, estimated: Sequence[str], aside: Sequence[str]
 ) -> tuple[Held, ...]:
-    """What was not estimated of a model at values x (p,): where its sd is stated, or where it was asked for.
+    """What was not estimated of a model at values x (p,): where something is known of it, or where it was asked for.
 
     A spring that was held rigid is not: nobody states how well that is known.
     """
     model = seen.model
-    names = _held_names(model, x, estimated, aside)
+    sds = dict(zip(model.names, _sds(model, seen.priors, x), strict=True))
+    names = [name for name, sd in sds.items() if (name in aside or np.isfinite(sd)) and name not in estimated]
     if not names:
         return ()
     rates = seen.rows.rates(model, x, seen.frames, names, seen.linear)[1][..., -len(names) :]
     moved = propagated(solution, seen.rows.noise.whiten(seen.rows.flat(rates)))
-    sds = {p.name: math.nan if p.sd is None else p.sd for p in model.parameters}
     return tuple(Held(name, sds[name], column) for name, column in zip(names, moved.T, strict=True))
 
 
-def _held_names(model: Model, x: Array, estimated: Sequence[str], aside: Sequence[str]) -> list[str]:
-    parameters = zip(model.parameters, x.tolist(), strict=True)
-    known = [p.name for p, value in parameters if p.name in aside or (p.sd is not None and value == p.nominal)]
-    return [name for name in known if name not in estimated]
+def _sds(model: Model, priors: Priors, x: Array) -> list[float]:
+    """sds (q,) of values at nominal, NaN where nothing is known: of springs that are not fitted, too. What is fitted
+    only by its own name counts where its sd is stated."""
+    stated = np.array([p.sd or (None if p.by_name else p.nominal_sd) or math.nan for p in model.parameters])
+    own = np.isfinite(priors.sd) & ~np.array([p.by_name for p in model.parameters], dtype=bool)
+    known = np.where(own, priors.sd, stated)
+    return np.where(x == model.nominal, known, math.nan).tolist()

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import compress
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +27,7 @@ from qsframework.estimation import (
     shared_error,
 )
 from qsframework.estimation.axis_noise import LEVEL, axis_words
+from qsframework.estimation.families import loosened
 from qsframework.estimation.tails import chi2_sf
 from qsframework.estimation.visit_noise import SharedError
 from qsframework.experiment import Experiment, Frame, ObservationModel, Readings, make_rows, observation_model
@@ -33,6 +35,7 @@ from qsframework.experiment.account import account_of
 from qsframework.experiment.before import errors_before
 from qsframework.experiment.noise_by_axis import noise_by_axis
 from qsframework.experiment.observations import ReadingRows, start_values
+from qsframework.experiment.prior import families, springs_of
 from qsframework.experiment.setup import GEOMETRY, expand_name
 from qsframework.identify.columns import ERRORS
 from qsframework.identify.estimate import Estimate, EstimateState, estimate_of
@@ -45,7 +48,7 @@ from qsframework.identify.record import Masked
 from qsframework.identify.two_step import two_step
 from qsframework.information import what_would_help
 from qsframework.information.identifiable import in_order
-from qsframework.information.selection import NotEstimated, at_found_markers, held_of, identifiable_names
+from qsframework.information.selection import NotEstimated, identifiable_names
 from qsframework.plugin import Array, Geometry
 from qsframework.screening import (
     SHARE,
@@ -60,15 +63,10 @@ from qsframework.screening import (
 )
 from qsframework.work.threads import on_one_thread
 
+_UNUSUAL = 3.0
+"""Times what is known of an arm's geometry from which its own is worth a word."""
 _ENOUGH = 30
 """Degrees of freedom below which no reading is called gross: a few cannot say what is usual."""
-_HOLDS = 30
-"""Most fits in which weak holds and the noise that weighs them settle."""
-_DECISIONS = 8
-"""Times that it is decided anew, about the markers as they were found, what the readings identify; what is decided a
-second time stands."""
-_FELL = 0.9
-"""Share of the noise above which weaker holds change it no more."""
 
 
 @checked
@@ -195,84 +193,106 @@ def _one_step(experiment: Experiment, rows: ReadingRows, names: Sequence[str], o
     free = [n for n in names if n not in options.fixed]
     if not free:
         raise InputError("every parameter is fixed: nothing is left to estimate")
-    first = observation_model(experiment, readings, free, linear=options.linear, x=x0, rows=rows)
-    told, left, unit = identifiable_names(first, options)
+    seen = observation_model(experiment, readings, free, linear=options.linear, x=x0, rows=rows)
+    told, left = identifiable_names(seen, options, known=not options.free)
     if not told:
-        raise _none_identifiable(experiment, first, left, names)
-    count = _count(first, told, options)
-    if len(rows.at) <= count:
+        raise _none_identifiable(experiment, seen, left, names)
+    if options.free and left:
+        raise _not_told_freely(left)
+    seen = replace(seen, names=tuple(n for n in names if n in told or n in options.fixed))
+    tied = tuple(g for g in options.tied if set(g) <= set(seen.names))
+    options = replace(options, tied=tied, starts=0 if seen.frames else options.starts)
+    observations = seen.observations()
+    observations = replace(observations, prior_sd=None, prior=None) if options.free else observations
+    one_pose = _check_enough(rows, observations, seen, options)
+    notes = ("Only one pose was measured: nothing says whether this fit holds at another one.",) if one_pose else ()
+    solution = settle(observations, options, seen.start)
+    vague = dict[str, float]()
+    while observations.known[0].any() and (more := _vague(seen, observations, solution)):
+        vague |= more
+        observations = observations.knowing(more)
+        solution = settle(observations, options, solution.x)
+    notes = (*notes, *_vague_words(seen.model, vague))
+    before = observations.prior_sd
+    if rows.stated and observations.known[0].any() and not options.tied:
+        loose, said = _loosened(seen, observations, solution)
+        observations, notes = observations.knowing(loose), (*notes, *said)
+        solution = settle(observations, options, solution.x)
+    return Found(
+        seen=seen,
+        solution=solution,
+        covariance=solution.covariance,
+        method="one-step",
+        left=left,
+        notes=notes,
+        solved=observations,
+        before=before,
+        vague=tuple(vague),
+    )
+
+
+def _check_enough(rows: ReadingRows, observations: Observations, seen: ObservationModel, options: FitOptions) -> bool:
+    """Whether all readings are of one pose. InputError where they are too few for what nothing is known of before."""
+    weight, group = observations.known[0], {name: g[0] for g in options.tied for name in g}
+    open_ = {group.get(n, n) for n, w in zip(observations.names, weight, strict=True) if w == 0.0} - {*options.fixed}
+    if len(rows.at) <= len(open_):
         raise InputError(
             f"{len(rows.keep)} reading{'s give' if len(rows.keep) > 1 else ' gives'} {len(rows.at)} numbers: too few "
-            f"for {count} parameters{' (six of them each tracker frame)' if first.frames else ''}; measure more poses, "
-            "or fit fewer parameters (`fit:` in the experiment)"
+            f"for {len(open_)} parameters{' (six of them each tracker frame)' if seen.frames else ''}; measure more "
+            "poses, or fit fewer parameters (`fit:` in the experiment)"
         )
-    angles = readings.poses.q[np.unique(rows.plus)]
-    one_pose = check_pose_spread(angles, 1 if options.priors else count - first.motions, bool(first.frames))
-    notes = ("Only one pose was measured: nothing says whether this fit holds at another one.",) if one_pose else ()
-    found = replace(_fitted(first, first, _of(names, told, options), options, unit), left=left, notes=notes)
-    decided = list[set[str]]()
-    while len(decided) < _DECISIONS and set(told) not in decided:
-        decided.append(set(told))
-        x = found.seen.values(found.solution.x)
-        about = at_found_markers(first, x)
-        if about is None:
-            break
-        again, left, unit = identifiable_names(about, options)
-        if set(again) == set(told) or len(rows.at) <= _count(first, again, options):
-            break
-        told, there = again, replace(first, x=x, frames=found.seen.moved(found.solution.x))
-        found = replace(_fitted(first, there, _of(names, told, options), options, unit), left=left, notes=notes)
-    return found
+    angles = rows.readings.poses.q[np.unique(rows.plus)]
+    return check_pose_spread(angles, len(open_) - seen.motions, bool(seen.frames))
 
 
-def _of(names: Sequence[str], told: Sequence[str], options: FitOptions) -> tuple[str, ...]:
-    """The names that a fit holds: what is told, and what is fixed."""
-    return tuple(n for n in names if n in told or n in options.fixed)
+def _vague(seen: ObservationModel, observations: Observations, solution: Solution) -> dict[str, float]:
+    """The springs that the readings tell worse than their own size, with the sd that they take: the stated one, else
+    their natural size."""
+    springs, open_ = springs_of(seen.model), observations.known[0] == 0.0
+    far = (solution.unit or 1.0) * solution.free_sd > [p.scale for p in seen.parameters]
+    return {p.name: p.sd or p.scale for p in compress(seen.parameters, open_ & far) if p.name in springs}
 
 
-def _count(seen: ObservationModel, told: Sequence[str], options: FitOptions) -> int:
-    """Numbers that a fit of some parameters estimates."""
-    return seen.motions + len(told) - sum(len(group) - 1 for group in options.tied)
+def _vague_words(model: Model, vague: Mapping[str, float]) -> Iterator[str]:
+    """What is to be said of springs that the readings tell worse than their own size."""
+    for name, sd in vague.items():
+        p = model.parameters[model.index([name])[0]]
+        source = "stated" if p.sd is not None else "natural"
+        yield (
+            f"{name}: its sd by the readings alone exceeds its own size; it takes its {source} sd, {sd:.3g} {p.unit}, "
+            "about its nominal value."
+        )
 
 
-def _fitted(
-    first: ObservationModel, there: ObservationModel, names: tuple[str, ...], options: FitOptions, unit: float
-) -> Found:
-    """The fit of some names, begun at the values and in the frames of `there`; the others are as in `first`."""
-    seen = replace(first, names=names, frames=there.frames)
-    options = replace(options, tied=tuple(g for g in options.tied if set(g) <= set(names)))
-    solution, solved = _settled(seen, options, unit, replace(there, names=names).start)
-    return Found(seen=seen, solution=solution, covariance=solution.covariance, method="one-step", solved=solved)
+def _loosened(
+    seen: ObservationModel, observations: Observations, solution: Solution
+) -> tuple[dict[str, float], tuple[str, ...]]:
+    """The sds of what was known before, as far off as this arm is seen to be, by name; and what to say of that."""
+    weight, towards = observations.known
+    free = solution.covariance.diagonal() > 0.0
+    own, flat = np.flatnonzero(free & (weight > 0.0)), np.flatnonzero(free & (weight == 0.0))
+    names = [observations.names[i] for i in own]
+    kinds = families(seen.model, names)
+    every = [*dict.fromkeys(kinds.values())]
+    A = solution.jacobian * np.sqrt(solution.weights)[:, None]
+    y = solution.residuals * np.sqrt(solution.weights) + A[:, own] @ (solution.x - towards)[own]
+    family = np.array([every.index(kinds[n]) for n in names], dtype=np.intp)
+    found = loosened(A[:, flat], A[:, own] / weight[own], y, family)
+    said = [
+        f"{effect}, {unit or 'a share'}: {factor:.1f} times ({low:.1f} to {high:.1f}) as far off as of other arms."
+        for (effect, unit), factor, low, high in zip(every, found.factor, *found.interval, strict=True)
+        if factor > _UNUSUAL
+    ]
+    return dict(zip(names, (found.by / weight[own]).tolist(), strict=True)), tuple(said)
 
 
-def _settled(seen: ObservationModel, options: FitOptions, unit: float, start: Array) -> tuple[Solution, Observations]:
-    """The solution and its observations, geometry and markers held weakly to their nominal values.
-
-    They are held by the noise that is seen in the end; what its effect pulls, by the stated noise where there is one.
-    unit: the error at the start (p,), in sds of a reading
-    """
-    observations = seen.observations()
-    starts = 0 if seen.frames else options.starts
-    options = replace(options, starts=starts)
-    held = 1.0 / (held_of(seen.model, seen.names) * scales(list(seen.parameters[seen.motions :])))
-    held = np.concatenate([np.zeros(seen.motions), held])
-    if not held.any():
-        return settle(observations, options, start), observations
-    pulled = np.array([p.pull is not None for p in seen.parameters]) & seen.rows.stated
-
-    def by(noise: float) -> Observations:
-        return replace(observations, held=held * np.where(pulled, 1.0, noise))
-
-    solution = settle(by(unit), options, start, tolerance=1e-3)
-    options = replace(options, starts=0)
-    noise = max(rms(solution.residuals), observations.least)
-    for _ in range(_HOLDS):
-        observations = by(noise)
-        solution = settle(observations, options, solution.x)
-        before, noise = noise, max(rms(solution.residuals), observations.least)
-        if noise > _FELL * before:
-            break
-    return solution, observations
+def _not_told_freely(left: Sequence[NotEstimated]) -> NotIdentifiable:
+    """That a fit without priors cannot tell what is asked of it."""
+    said = some_of([entry.words() for entry in left], 6, "; ")
+    return NotIdentifiable(
+        f"without what is known before the readings these are not identifiable: {said}. Take them out of `fit:`, or "
+        "let what is known count"
+    )
 
 
 def _none_identifiable(
@@ -361,8 +381,9 @@ def _fit_of(experiment: Experiment, found: Found, options: FitOptions) -> Fit:
     readings, model = rows.readings, seen.model
     noise, free = rows.noise, found.covariance.diagonal() > 0.0
     scale = scales(list(seen.parameters))
-    white = solution.residuals * (1.0 if solution.unit is None else solution.unit)
-    fit, least = LinearFit(solution.hat, white, noise, rows.stated), seen.observations().least
+    grown = solution.unit or 1.0
+    fit = LinearFit(solution.hat, grown * solution.residuals, noise, rows.stated, priors=grown * solution.priors)
+    least = seen.observations().least
     plain = float(np.sqrt(fit.chi2 / fit.dof))
     unit = 1.0 if rows.stated else max(plain if solution.unit is None else solution.unit, least)
     covariance, about_noise = found.covariance, ()
@@ -370,7 +391,6 @@ def _fit_of(experiment: Experiment, found: Found, options: FitOptions) -> Fit:
         covariance, about_noise = _by_axis(rows, fit, solution, found.covariance)
     covariance = covariance * unit**2
     x, frames = seen.values(solution.x), seen.moved(solution.x)
-    sigma = float(np.sqrt(np.mean(np.square(rows.flat(rows.sigma)))))
     predicted = rows.predict(model, x, frames, options.linear)
     notes = (*_option_notes(options, solution), *readings.about_reads, *about_noise, *found.notes)
     if not rows.stated and unit == least:
@@ -392,9 +412,9 @@ def _fit_of(experiment: Experiment, found: Found, options: FitOptions) -> Fit:
         covariance=covariance,
         rank=rank_test(
             solution.jacobian[:, free] * scale[free],
-            [n for n, f in zip((p.name for p in seen.parameters), free, strict=True) if f],
+            [p.name for p in compress(seen.parameters, free)],
         ),
-        sigma=unit * sigma,
+        sigma=unit * rms(rows.flat(rows.sigma)),
         sigma_source=_source(experiment, rows),
         lines=readings.line[rows.keep],
         file=readings.file[rows.keep],
@@ -421,16 +441,16 @@ def _fit_of(experiment: Experiment, found: Found, options: FitOptions) -> Fit:
 
 def _by_axis(rows: ReadingRows, fit: LinearFit, solution: Solution, covariance: Array) -> tuple[Array, tuple[str, ...]]:
     """The covariance (p, p) of unit noise: where nobody states the noise, as it is by direction and distance, that is
-    C A' V A C of whitened columns A; and what to say."""
+    C + C A' (V - 1) A C of whitened columns A; and what to say."""
     Q = np.nan_to_num(rows.spread(fit.Q)).reshape(-1, fit.Q.shape[1])
     found = noise_by_axis(rows, LinearFit(Q, np.nan_to_num(rows.spread(fit.white)).ravel()))
     if found is None or found.p_value >= LEVEL:
         return covariance, ()
     if rows.stated:
         return covariance, (f"{axis_words(found)}.",) if chi2_sf(fit.chi2, fit.dof) >= LEVEL else ()
-    pull = np.nan_to_num(rows.spread(solution.jacobian @ covariance))
-    true = np.einsum("rip,rij,rjq->pq", pull, found.factor, pull, optimize=True)
-    return true, (f"{axis_words(found)}; the uncertainties allow for it.",)
+    pull = np.nan_to_num(rows.spread((solution.unit or 1.0) * solution.jacobian @ covariance))
+    more = np.einsum("rip,rij,rjq->pq", pull, found.factor - np.eye(3), pull, optimize=True)
+    return covariance + more, (f"{axis_words(found)}; the uncertainties allow for it.",)
 
 
 def _still(readings: Readings, driven: Sequence[str]) -> Iterator[str]:
@@ -468,20 +488,26 @@ def _estimates(
     values = np.concatenate([*(f.pose for f in frames), x[seen.model.index(seen.names)]])
     plain = np.sqrt(found.covariance.diagonal())
     grown = unit * np.divide(sd, plain * unit, out=np.ones(len(sd)), where=plain > 0.0)  # by the noise's directions
-    free, alone = solution.free_sd * grown, solution.alone_sd * grown
+    free = solution.free_sd * grown
+    weight, prior = (found.solved or seen.observations()).known
+    weight = weight if found.solved else np.zeros(len(sd))
+    before = np.full(len(sd), np.inf) if found.before is None else found.before
     out: list[Estimate] = []
     for i, p in enumerate(seen.parameters):
         own = float("nan") if p.name in solution.at_bound else float(sd[i])
         of_frame = i < seen.motions
-        told = replace(p, typical=1e100) if of_frame else p
-        estimate = estimate_of(told, float(values[i]), own, float(free[i]), float(alone[i]))
-        out.append(replace(estimate, size=p.scale))
+        known = replace(p, nominal=float(prior[i]), sd=float(before[i])) if weight[i] else p
+        told = replace(p, typical=1e100) if of_frame else known
+        estimate = estimate_of(told, float(values[i]), own, float(free[i]), bool(weight[i]))
+        state = EstimateState.NOT_IDENTIFIABLE if p.name in found.vague else estimate.state
+        counted = 1.0 / float(weight[i]) if weight[i] else None
+        out.append(replace(estimate, state=state, size=p.scale, counted_sd=counted))
     return tuple(out)
 
 
 def _option_notes(options: FitOptions, solution: Solution) -> tuple[str, ...]:
     """What to say of how a fit was made."""
-    said = ["Stated values and sds counted as readings."] if options.priors else []
+    said = ["Nothing counted as known before the readings."] if options.free else []
     if options.loss != "linear":
         light = int((solution.weights < 0.5).sum())
         said.append(f"Loss {options.loss}: {light} coordinates lost more than half their weight.")

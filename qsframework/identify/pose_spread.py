@@ -27,5 +27,5 @@ def check_pose_spread(q: Array, free: int, frames: bool = False) -> bool:
     raise NotIdentifiable(
         f"{count} of one pose: {free} parameters{beside} would rest on a single geometry, and no other pose could "
         "contradict them. Measure more poses, spread over the work space (`qsf design` proposes them); or fit one "
-        "parameter only, or hold the others fixed, or add stated values (priors)"
+        "parameter only, or hold the others fixed"
     )

@@ -41,6 +41,8 @@ from qsframework.plausible import allowed, beyond
 from qsframework.plugin import Array
 from qsframework.plugin.registry import replaced
 
+HALF = 0.5
+"""Share of a variance that is left, from which a direction counts as told."""
 HIGH_CORRELATION = 0.9
 COVERAGE = 2.0
 """k of an expanded uncertainty of a known noise, for 95.45 %."""
@@ -138,8 +140,20 @@ class FitRecord(FileRecord):
         return self.covariance if self.total_covariance is None else self.total_covariance
 
     @property
+    def noise_covariance(self) -> Array:
+        """Covariance (p, p) of the readings' noise alone: C - C L C, L the inverse variances before the readings."""
+        known = [0.0 if e.counted_sd is None else 1.0 / e.counted_sd for e in self.estimates]
+        moved = self.covariance * np.array(known)
+        return self.covariance - moved @ moved.T
+
+    @property
+    def widened(self) -> Array:
+        """`whole_covariance` with the noise as large as residuals are that do not fit their stated noise."""
+        return self.whole_covariance + (self.widening - 1.0) * self.noise_covariance
+
+    @property
     def held_covariance(self) -> Array:
-        """Covariance (p, p) of the estimates by the stated sds of what was held at nominal values."""
+        """Covariance (p, p) of the estimates by the sds of what was held at nominal values."""
         p = len(self.estimates)
         return sum((h.sd**2 * np.outer(h.moved, h.moved) for h in self.held if h.sd >= 0.0), np.zeros((p, p)))
 
@@ -159,6 +173,15 @@ class FitRecord(FileRecord):
         c, names = self.correlation, self.names
         pairs = np.argwhere(np.abs(np.triu(c, 1)) > above).tolist()
         return [(names[i], names[j], float(c[i, j])) for i, j in pairs]
+
+    @property
+    def directions(self) -> tuple[int, int]:
+        """Of what was known before the readings: in how many directions they removed half of its variance or more, and
+        how many there are."""
+        own = [i for i, e in enumerate(self.estimates) if e.share is not None]
+        sd = np.array([self.estimates[i].prior_sd for i in own], dtype=float)
+        left = np.linalg.eigvalsh(self.covariance[np.ix_(own, own)] / np.outer(sd, sd))
+        return int((left <= HALF).sum()), len(own)
 
     @property
     def masked(self) -> tuple[int, ...]:

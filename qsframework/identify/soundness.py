@@ -235,7 +235,11 @@ def _explains(fit: FitRecord, experiment: Experiment, readings: Readings) -> Ite
     for what, one, other in (
         ("covariance", fit.covariance, again.covariance),
         ("covariance with the load's", fit.whole_covariance, again.whole_covariance),
-        ("account of what was held at nominal values", fit.held_covariance, again.held_covariance),
+        (
+            "account of what was held at nominal values",
+            fit.covariance + fit.held_covariance,
+            again.covariance + again.held_covariance,
+        ),
     ):
         if not _same_covariance(one, other):
             yield f"its {what} is not the one that its readings give"

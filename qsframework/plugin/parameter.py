@@ -17,7 +17,9 @@ class Parameter:
     unit     SI unit as text, readable by pint: "rad/(N m)", "m", ""
     nominal  value before any reading
     typical  a realistic non-zero size: scales the parameter and sizes a hidden effect
-    sd       prior standard deviation, None if nothing is known
+    sd       standard deviation of the nominal value that files state, None if none does
+    nominal_sd  the same of an arm as delivered, whose files state none: a maker's +- limit is two of it; None where
+             nothing is known
     null     value at which the effect vanishes, None if this parameter alone cannot switch it off
     pull     sd about `null` by which every fit holds it, however many the readings: of laws that bend more freely than
              readings tell; None: the readings alone say it
@@ -33,6 +35,7 @@ class Parameter:
     nominal: float = 0.0
     typical: float = 1.0
     sd: float | None = None
+    nominal_sd: float | None = None
     lower: float = -math.inf
     upper: float = math.inf
     null: float | None = 0.0
@@ -50,8 +53,9 @@ class Parameter:
             )
         if not (math.isfinite(self.typical) and self.typical > 0):
             raise PluginError(f"{self.name}: typical must be a positive number, found {self.typical}")
-        if self.sd is not None and not (math.isfinite(self.sd) and self.sd > 0):
-            raise PluginError(f"{self.name}: sd must be positive or None, found {self.sd}")
+        for key, sd in (("sd", self.sd), ("nominal_sd", self.nominal_sd)):
+            if sd is not None and not (math.isfinite(sd) and sd > 0):
+                raise PluginError(f"{self.name}: {key} must be positive or None, found {sd}")
         if self.pull is not None and (self.null is None or not (math.isfinite(self.pull) and self.pull > 0)):
             raise PluginError(f"{self.name}: pull must be positive, towards a null, found {self.pull}")
 

@@ -48,7 +48,7 @@ def fit_table(fit: Fit, truth: dict[str, float] | None = None, brief: bool = Fal
     cells = {head: column for head, column in cells.items() if set(column) != {"-"}}
     states = {e.state: STATES[e.state] for e in fit.estimates if e.state in STATES}
     legend = "".join(f" {state.value.capitalize()}: {words}." for state, words in states.items())
-    held = any(e.held for e in fit.estimates)
+    held = any(e.share is not None for e in fit.estimates)
     known = "stated" if fit.shared_p is None else "estimated"
     shared = f"; shared by all markers of a pose: {fit.shared_sd * 1e3:.4f} mm, {known}" if fit.shared_sd else ""
     return ReportTable(
@@ -56,7 +56,7 @@ def fit_table(fit: Fit, truth: dict[str, float] | None = None, brief: bool = Fal
         tuple(zip(*cells.values(), strict=True)),
         f"Method: {fit.method}, {'linear model' if fit.linear else 'full equilibrium'}. {_total(fit)}"
         f"Noise of one coordinate: {fit.sigma * 1e3:.4f} mm, {SOURCE[fit.sigma_source]}{shared}.{legend}"
-        + (" Geometry and markers are held weakly near their nominal values." if held else ""),
+        + (" Identified: the share of the variance before the readings that they removed." if held else ""),
     )
 
 

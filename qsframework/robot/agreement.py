@@ -12,7 +12,6 @@ import numpy as np
 
 from qsframework.errors import InputError, Problem
 from qsframework.plugin import Array
-from qsframework.robot.controller import Controller
 from qsframework.robot.gravity import element_gravity
 from qsframework.robot.kinematics import joint_frames, twists
 from qsframework.robot.reference import Statics, reference_branches, reference_statics
@@ -35,7 +34,7 @@ def check_agreement(robot: Robot, file: Path, tree: pin.Model | None = None) -> 
 
     file: the robot.yaml that the error names; tree: the arm with its branches, where it has any
     """
-    q = robot.controller.to_joints(spread_poses(robot.controller))
+    q = robot.controller.to_joints(spread_poses(robot.controller.lower, robot.controller.upper))
     problems = list(_differences(robot, kernel_statics(robot, q), reference_statics(robot, q), str(file)))
     if tree is not None:
         problems += _branch_differences(robot, tree, q, str(file))
@@ -48,14 +47,14 @@ def check_agreement(robot: Robot, file: Path, tree: pin.Model | None = None) -> 
         raise InputError([*problems[:-1], replace(problems[-1], hint=hint)])
 
 
-def spread_poses(controller: Controller) -> Array:
-    """Pendant angles (POSES, n): each joint visits every part of its range once, in an order of its own.
+def spread_poses(lower: Array, upper: Array, count: int = POSES) -> Array:
+    """Pendant angles (count, n): each joint visits every part of its range once, in an order of its own.
 
     No random numbers: to import them takes longer than the whole check.
     """
-    joint, pose = np.arange(len(controller.lower)), np.arange(POSES)[:, None]
+    joint, pose = np.arange(len(lower)), np.arange(count)[:, None]
     part = (pose * (1 + joint % (POSES - 1)) / POSES + _GOLDEN * (joint + 1)) % 1.0
-    return controller.lower + part * (controller.upper - controller.lower)
+    return lower + part * (upper - lower)
 
 
 def kernel_statics(robot: Robot, q: Array) -> Statics:

@@ -43,7 +43,7 @@ def _sizes(robot: Robot) -> Iterator[GravityCheck]:
 def _strengths(robot: Robot) -> Iterator[GravityCheck]:
     """Balancers that exert far more than there is to balance or next to nothing of it, and actuators that bear far less
     than the arm weighs."""
-    facts, q = robot.facts, robot.controller.to_joints(spread_poses(robot.controller))
+    facts, q = robot.facts, robot.controller.to_joints(spread_poses(robot.controller.lower, robot.controller.upper))
     weight = np.abs(kernel_statics(robot, q).torque[: facts.n]).max(axis=1)
     known = {p.name: p.nominal for p in robot.parameters}
     for spring in (e for e in robot.effects if isinstance(e, ParallelSpring)):

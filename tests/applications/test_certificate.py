@@ -25,16 +25,18 @@ from tests.identify.records import with_values
 
 pytestmark = pytest.mark.usefixtures("diagnosed_once")
 
-LINEAR = FitOptions(linear=True)
+PLAIN = FitOptions()
 
 
 def readings_of(experiment: Experiment, seed: int, count: int = 40) -> Readings:
     rng = np.random.default_rng(seed)
     controller = experiment.robot.controller
-    pendant = 0.8 * rng.uniform(controller.lower, controller.upper, (count, 6))
+    pendant = 0.8 * rng.uniform(controller.lower, controller.upper, (3 * count, 6))
+    every = Poses(pendant, controller.to_joints(pendant), np.zeros((3 * count, 6)))
+    pendant = pendant[experiment.model().transmission_margin(every) > 0.0][:count]  # the parallelogram is not flat
     wrench = np.tile([0.0, 1500.0, -4000.0, 0, 0, 0], (count, 1))
     plan = make_plan(Poses(pendant, controller.to_joints(pendant), wrench), ["side"] * count)
-    return simulate(experiment, plan, truth_of(experiment), seed=seed, linear=True).readings
+    return simulate(experiment, plan, truth_of(experiment), seed=seed).readings
 
 
 def truth_of(experiment: Experiment) -> Array:
@@ -43,7 +45,7 @@ def truth_of(experiment: Experiment) -> Array:
 
 
 def stored(experiment: Experiment, readings: Readings, folder: Path) -> FitRecord:
-    return read_fit(write_fit(identify(experiment, readings, options=LINEAR), folder / "fit.json"))
+    return read_fit(write_fit(identify(experiment, readings, options=PLAIN), folder / "fit.json"))
 
 
 @pytest.fixture(scope="module")
@@ -60,14 +62,14 @@ def test_the_budget_is_the_spread_of_fits_to_other_readings(m900ib: Experiment, 
     base = readings_of(m900ib, 0)
     true = fit_truth(m900ib, base)
     for seed in range(16):
-        fit = identify(m900ib, base.with_values(true + noise(seed)), options=LINEAR)
+        fit = identify(m900ib, base.with_values(true + noise(seed)), options=PLAIN)
         wrong = fit.predict(other)[0] - fit_truth(m900ib, other)
         squares.append(float(np.square(wrong).sum(axis=1).mean()))
     (share,) = [s.standard for s in found.budget if s.source == "parameters"]
     assert share == pytest.approx(float(np.sqrt(np.mean(squares))), rel=0.25)
-    assert [s.source for s in found.budget] == ["parameters", "instrument", "model"]
-    assert found.budget[1].standard == pytest.approx(np.sqrt(3.0) * 3e-5)
-    assert found.corrected < 0.5 * found.budget[1].standard
+    assert [s.source for s in found.budget] == ["parameters", "held", "instrument", "model"]
+    assert found.budget[2].standard == pytest.approx(np.sqrt(3.0) * 3e-5)
+    assert found.corrected < 0.5 * found.budget[2].standard
     assert found.conformity is None
     assert not found.validation.seen
     assert set(found.kept) <= set(model.names)
@@ -80,7 +82,7 @@ def noise(seed: int) -> Array:
 def fit_truth(experiment: Experiment, readings: Readings) -> Array:
     from qsframework.experiment import make_rows
 
-    return make_rows(readings).predict(experiment.model(), truth_of(experiment), (), True)
+    return make_rows(readings).predict(experiment.model(), truth_of(experiment))
 
 
 @pytest.fixture(scope="module")

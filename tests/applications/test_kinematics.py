@@ -194,7 +194,7 @@ def test_offsets_in_the_controllers_terms(ur10: Experiment, fit: FitRecord, one:
     assert float(rows[1]["motor_deg"]) == pytest.approx(50.0 * true[1], abs=1e-4)
     assert (rows[1]["counts"], rows[2]["motor_deg"]) == ("", "")
     lines = write_offsets(one, tmp_path / "o.csv").read_text().splitlines()
-    assert list(csv.DictReader(lines[3:])) == offset_rows(one)
+    assert list(csv.DictReader(lines[5:])) == offset_rows(one)
 
 
 def test_an_offset_of_coupled_angles(tmp_path: Path) -> None:

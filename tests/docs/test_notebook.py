@@ -37,5 +37,5 @@ def test_every_cell_runs_and_shows_its_answer(cells: list[str], capsys: pytest.C
     assert found.learned.name == "learned[j5/j4]"
     assert "learned[j5/j4]" in pages[-1]
     corrected = shell.user_ns["corrected"]
-    assert (corrected.sd < 0.5 * corrected.size).all()
+    assert (corrected.sd < 0.5 * corrected.uncorrected).all()
     assert "mm expected after it" in capsys.readouterr().out

@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import chi2, t
 
 from qsframework.errors import InputError, NotConverged
-from qsframework.estimation import PLAIN, FitOptions, Independent, Observations, profile_interval, solve
+from qsframework.estimation import PLAIN, FitOptions, Independent, Observations, profile_interval, settle, solve
 from qsframework.plugin import Array, Parameter
 
 BOUNDS = FitOptions(bounds=True)
@@ -143,14 +143,20 @@ def test_a_parameter_without_end_is_not_converged() -> None:
 def test_priors_and_losses_count_as_in_the_fit() -> None:
     """With priors the linear model's interval is value +- k sd of the fit with them; Huber's lies apart from both."""
     plain = linear(np.random.default_rng(0))
-    known = replace(plain, parameters=tuple(replace(p, sd=0.02) for p in plain.parameters))
-    options = FitOptions(priors=True)
-    solution = solve(known, options)
-    found = profile_interval(known, solution, "a", options)
+    known = replace(plain, prior_sd=np.full(3, 0.02))
+    solution = solve(known)
+    found = profile_interval(known, solution, "a", PLAIN)
     sd = float(np.sqrt(solution.covariance[0, 0]))
     k = np.sqrt(chi2.ppf(0.95, 1))
     assert np.allclose([found.lower, found.upper], solution.x[0] + np.array([-k, k]) * sd, rtol=1e-6)
     assert found.upper - found.lower < 1.9 * k * float(np.sqrt(solve(plain).covariance[0, 0]))
+    unstated = replace(known, prior=np.array([1.0, 1.9, -1.1]), prior_sd=np.full(3, 0.02), stated=False)
+    solution = settle(unstated)
+    assert solution.unit == pytest.approx(1.0, abs=0.3)
+    found = profile_interval(unstated, solution, "a", PLAIN)
+    sd = solution.unit * float(np.sqrt(solution.covariance[0, 0]))
+    k = t.ppf(0.975, 20)  # as many readings as parameters that are known before
+    assert (found.upper - found.lower) / (2.0 * sd) == pytest.approx(k, rel=0.01)
     robust = FitOptions(loss="huber")
     gross = replace(plain, measured=plain.measured + 2.0 * (np.arange(20) == 3))
     found = profile_interval(gross, solve(gross, robust), "a", robust)

@@ -10,7 +10,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
-from qsframework.estimation import FitOptions, Independent, Observations, Solution, solve
+from qsframework.estimation import FitOptions, Independent, Observations, Solution, propagated, settle, solve
 from qsframework.plugin import Array, Parameter
 
 
@@ -90,14 +90,24 @@ def test_a_bound_is_met_exactly_and_named() -> None:
     assert found.free == 2
 
 
+def known(o: Observations) -> Observations:
+    """The same where each parameter is known to half its nominal value before the readings."""
+    return replace(o, prior_sd=0.5 * o.start)
+
+
 def test_priors_are_readings() -> None:
+    """Rows below those of the readings, residuals and cost included."""
     o, A = line()
     size = np.array([1e-7, 1.0, 1e5])
     W = np.vstack([o.noise.whiten(A * size), 2.0 * np.eye(3)])
     y = np.concatenate([o.noise.whiten(o.measured), 2.0 * np.ones(3)])
-    found = solve(o, FitOptions(priors=True))
+    found = solve(known(o))
     assert np.allclose(found.x, np.linalg.lstsq(W, y)[0] * size, rtol=1e-9)
     assert np.allclose(found.covariance, np.linalg.inv(W.T @ W) * np.outer(size, size), rtol=1e-9)
+    left = y - W @ (found.x / size)
+    assert np.allclose(np.concatenate([found.residuals, found.priors]), left, atol=1e-9)
+    assert found.cost == pytest.approx(0.5 * float(left @ left), rel=1e-12)
+    assert not len(solve(o).priors), "nothing is known of any"
 
 
 def test_priors_tell_what_readings_cannot() -> None:
@@ -107,7 +117,7 @@ def test_priors_tell_what_readings_cannot() -> None:
     unseen = replace(o, jacobian=lambda x: blind, predict=lambda x: blind @ x)
     with pytest.raises(NotIdentifiable, match="c: no reading depends on it"):
         solve(unseen)
-    found = solve(unseen, FitOptions(priors=True))
+    found = solve(known(unseen))
     assert found.x[2] == pytest.approx(1e5)
     assert np.sqrt(found.covariance[2, 2]) == pytest.approx(0.5e5)
 
@@ -239,29 +249,48 @@ def test_residuals_and_cost_are_those_of_the_answer() -> None:
     assert found.cost == pytest.approx(0.5 * float(r @ r), rel=1e-6)
 
 
-def test_a_weak_hold_is_a_row_of_its_own() -> None:
-    """held: 1 / sd of each parameter about its nominal value; a stated prior takes its place."""
+def test_what_is_known_of_one_parameter_is_a_row_of_its_own() -> None:
+    """About any value, the nominal one by default; other sds take its place by name, of the others nothing is known."""
     o, A = line()
     size = np.array([1e-7, 1.0, 1e5])
-    held = np.array([0.0, 3.0, 0.0])
-    found = solve(replace(o, held=held))
+    sds = np.array([np.inf, 1.0 / 3.0, np.inf])
     W = np.vstack([o.noise.whiten(A * size), [[0.0, 3.0, 0.0]]])
-    y = np.append(o.noise.whiten(o.measured), 3.0)
-    assert np.allclose(found.x, np.linalg.lstsq(W, y)[0] * size, rtol=1e-9)
-    assert np.allclose(found.covariance, np.linalg.inv(W.T @ W) * np.outer(size, size), rtol=1e-9)
-    known = FitOptions(priors=True)
-    assert np.allclose(solve(replace(o, held=held), known).x, solve(o, known).x, rtol=1e-12)
+    for prior, value in ((None, 1.0), (size * [9.0, -0.4, 9.0], -0.4)):
+        found = solve(replace(o, prior=prior, prior_sd=sds))
+        y = np.append(o.noise.whiten(o.measured), 3.0 * value)
+        assert np.allclose(found.x, np.linalg.lstsq(W, y)[0] * size, rtol=1e-9)
+        assert np.allclose(found.covariance, np.linalg.inv(W.T @ W) * np.outer(size, size), rtol=1e-9)
+        assert found.priors == pytest.approx([3.0 * (value - found.x[1])], rel=1e-9)
+    assert np.array_equal(o.knowing({"b": 1.0 / 3.0}).known[0], 1.0 / sds)
+    weaker = replace(o, prior_sd=sds).knowing({"b": 0.5, "c": 0.5e5, "a": 0.5e-7})
+    assert np.allclose(solve(weaker).x, solve(known(o)).x, rtol=1e-12)
 
 
 def test_the_share_of_each_reading_in_its_own_prediction() -> None:
     """hat hat' = W (W' W)^-1 W' where nothing else counts; with priors its trace is less than the parameters."""
     o, A = line()
     W = o.noise.whiten(A * [1e-7, 1.0, 1e5])
-    plain, known = solve(o).hat, solve(o, FitOptions(priors=True)).hat
+    plain, held = solve(o).hat, solve(known(o)).hat
     assert plain @ plain.T == pytest.approx(W @ np.linalg.solve(W.T @ W, W.T), abs=1e-9)
     both = np.linalg.inv(W.T @ W + 4.0 * np.eye(3))
-    assert known @ known.T == pytest.approx(W @ both @ W.T, abs=1e-9)
-    assert np.square(known).sum() < 3.0
+    assert held @ held.T == pytest.approx(W @ both @ W.T, abs=1e-9)
+    assert np.square(held).sum() < 3.0
+
+
+@pytest.mark.parametrize("stated", [True, False])
+@pytest.mark.parametrize("size", [0.1, 1.0, 10.0])
+def test_errors_common_to_all_readings_move_the_estimates_as_refits_say(stated: bool, size: float) -> None:
+    """Whatever stands for a noise that is estimated: by how much the fit to readings that err so is another."""
+    o, _ = line()
+    assert isinstance(o.noise, Independent)
+    sigma = o.noise.colour(np.ones(30))
+    o = replace(known(o), noise=Independent(sigma if stated else size * sigma), stated=stated)
+    solution, error = settle(o), 1e-3 * np.sin(np.arange(30.0))
+    unit = solution.unit or 1.0
+    same = replace(o, noise=Independent(o.noise.colour(np.full(30, unit))), stated=True)
+    there = solve(replace(same, measured=o.measured + error)).x - solve(same).x
+    moved = propagated(solution, o.noise.whiten(error)[:, None])[:, 0]
+    assert np.allclose(moved / o.start, there / o.start, rtol=1e-5, atol=1e-10)
 
 
 def test_what_no_reading_depends_on_is_named() -> None:

@@ -17,7 +17,7 @@ from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Frame, Readings, load_experiment, observation_model, read_readings
 from qsframework.experiment.frames import procrustes
 from qsframework.identify import identify
-from qsframework.information.selection import choose
+from qsframework.information.selection import choose, identifiable_names
 from qsframework.plugin import Array, Poses
 from tests.identify.arm import position_readings, spoilt
 
@@ -135,18 +135,54 @@ def test_the_stated_uncertainty_is_the_scatter(arm: Experiment) -> None:
         assert np.abs(z.mean()) < 0.2
 
 
-def test_what_cannot_be_told_is_left_aside_and_named(arm: Experiment) -> None:
+def test_what_cannot_be_told_is_named(arm: Experiment) -> None:
+    """Without what is known before the readings: a fit that does not count it is refused."""
     rng = np.random.default_rng(5)
-    fit = identify(arm, made_states(arm, true_arm(arm, rng), 80, rng, SIGMA), GEOMETRY, KEEP)
-    left = {entry.name: entry for entry in fit.not_estimated}
+    states, names = made_states(arm, true_arm(arm, rng), 80, rng, SIGMA), names_of(arm, GEOMETRY)
+    told, aside = identifiable_names(observation_model(arm, states, names, linear=True), KEEP, known=False)
+    left = {entry.name: entry for entry in aside}
     assert left["joint_placement[joint_4].rz"].correlated_with == ("joint_offset[joint_4]",)
     assert left["joint_placement[joint_3].z"].correlated_with == ("joint_placement[joint_2].z",)
     assert "joint_offset[joint_1]" in left, "the frame's turn"
-    assert not set(left) & set(fit.names)
-    assert set(left) | set(fit.names[12:]) == set(names_of(arm, GEOMETRY))
-    assert fit.rank.full
-    assert fit.rank.parameters == len(fit.names)
+    assert not set(left) & set(told)
+    assert set(left) | set(told) == set(names)
     assert "confounded with" in left["joint_placement[joint_4].rz"].words()
+    words = r"do not tell joint_offset\[joint_1\]: confounded with frame\[morning\]\.ry.* and 10 more\. Take these out"
+    with pytest.raises(NotIdentifiable, match=words):
+        identify(arm, states, GEOMETRY, replace(KEEP, free=True))
+
+
+def test_what_only_a_combination_is_told_of_keeps_what_was_known_of_the_rest(arm: Experiment) -> None:
+    """Four links along one another's axes: their sum is told, and of each the share of it, a quarter."""
+    rng = np.random.default_rng(5)
+    fit = identify(arm, made_states(arm, true_arm(arm, rng, springs=False), 80, rng, SIGMA), GEOMETRY, KEEP)
+    assert not fit.not_estimated
+    assert set(fit.names[12:]) == set(names_of(arm, GEOMETRY))
+    found = {e.name: e for e in fit.estimates}
+    along = [f"joint_placement[joint_{k}].{axis}" for k, axis in ((2, "z"), (3, "z"), (4, "z"), (5, "y"))]
+    for e in (found[n] for n in along):
+        assert e.share == pytest.approx(0.25, abs=1e-3)
+        assert e.sd == pytest.approx(5e-4 * np.sqrt(0.75), rel=1e-3)
+    turn = found["joint_offset[joint_1]"]
+    assert turn.share == pytest.approx(0.0, abs=1e-3), "the frame's turn"
+    assert abs(turn.value) < 1e-3 * turn.sd
+    told, known = fit.directions
+    assert known == 42
+    assert 0 < told < known - 10
+    assert 0.8 < fit.chi2 / fit.dof < 1.2
+    assert fit.dof == 3 * 240 - 12 - 9, "as many as readings, less what nothing is known of before"
+
+
+def test_markers_that_one_turning_joint_shows_are_left_aside_and_named(arm: Experiment) -> None:
+    """Of them nothing is known: what they and the frames share is not estimated, and the file says so."""
+    q = np.tile([0.1, -1.0, 1.2, 0.4, 0.9, 0.2], (20, 1))
+    q[:, 0] = np.linspace(-2.0, 2.0, 20)
+    poses = Poses(q, q, np.zeros((20, 6)))
+    states = position_readings(poses, np.zeros(20, dtype=bool), arm.model().positions(poses), SIGMA)
+    fit = identify(arm, states, GEOMETRY, KEEP)
+    assert fit.not_estimated
+    assert all(entry.name.startswith("marker_offset") for entry in fit.not_estimated)
+    assert not {entry.name for entry in fit.not_estimated} & set(fit.names)
     assert next(iter(fit.as_json()["not_estimated"])) == fit.not_estimated[0].name
 
 
@@ -252,7 +288,7 @@ def changed(states: Readings, case: str) -> Readings:
     if case == "all masked":
         return some(states, rows[:0])
     if case == "few":
-        return some(states, rows[:7])
+        return some(states, rows[:3])
     if case == "a lonely series":
         return some(states, np.concatenate([rows[:120], rows[120:122]]))
     q = np.tile(states.poses.q[:1], (len(states.poses), 1))
@@ -263,7 +299,7 @@ def changed(states: Readings, case: str) -> Readings:
     ("case", "words"),
     [
         ("all masked", "every reading is masked (use = 0)"),
-        ("few", "7 readings give 21 numbers: too few for"),
+        ("few", "3 readings give 9 numbers: too few for 9 parameters (six of them each tracker frame)"),
         ("a lonely series", "cannot be found: 2 poses of series 'evening'"),
         ("all poses equal", "cannot be found: 120 poses of series 'morning' lie at one point"),
     ],

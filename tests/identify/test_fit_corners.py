@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +9,7 @@ import pytest
 
 from qsframework.errors import InputError
 from qsframework.estimation import FitOptions
-from qsframework.experiment import Experiment, Readings, example, load_experiment, make_plan, read_readings, simulate
+from qsframework.experiment import Experiment, Readings, make_plan, simulate
 from qsframework.experiment.setup import LoadUncertainty
 from qsframework.identify import EstimateState, identify
 from qsframework.identify.load_error import load_sds
@@ -109,21 +108,3 @@ def test_a_noise_that_nobody_states_is_estimated_whatever_stands_for_it(r2000ic:
     again = identify(r2000ic, replace(with_sigma(real, 5e-5), stated=False), options=options)
     assert fit.sigma == pytest.approx(again.sigma, rel=1e-6)
     assert np.allclose([e.sd for e in fit.estimates], [e.sd for e in again.estimates], rtol=1e-4)
-
-
-def test_what_is_decided_a_second_time_stands(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What the readings identify may alternate with where the markers are found: the fit does not go round with it."""
-    verb = importlib.import_module("qsframework.identify.identify")
-    decide, decided = verb.identifiable_names, list[list[str]]()
-
-    def alternating(*given: object) -> object:
-        names, left, unit = decide(*given)
-        decided.append(names[: len(names) - len(decided) % 2])
-        return decided[-1], left, unit
-
-    monkeypatch.setattr(verb, "identifiable_names", alternating)
-    experiment = load_experiment(example("mixed") / "experiment.yaml")
-    fit = identify(experiment, read_readings(experiment.data, experiment), options=FitOptions(keep_all=True))
-    assert len(decided) == 3
-    assert decided[0] == decided[2] != decided[1]
-    assert set(decided[0]) <= set(fit.names)

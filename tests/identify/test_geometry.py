@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from qsframework.errors import InputError
+from qsframework.errors import InputError, NotIdentifiable
 from qsframework.estimation import FitOptions
-from qsframework.experiment import Experiment, Readings, load_experiment, make_plan, read_readings, simulate
+from qsframework.experiment import (
+    Experiment,
+    Readings,
+    load_experiment,
+    make_plan,
+    observation_model,
+    read_readings,
+    simulate,
+)
 from qsframework.identify import identify
 from qsframework.identify.io import write_campaign
+from qsframework.information.selection import identifiable_names
 from qsframework.plugin import Array, Poses
 from tests.identify.arm import position_readings, random_poses
 
@@ -85,13 +95,28 @@ def test_it_gives_what_the_effects_by_name_give(tmp_path: Path) -> None:
     assert np.allclose([e.value for e in fit.estimates], [e.value for e in by_name.estimates], rtol=1e-9, atol=1e-12)
     assert {e.name for e in fit.not_estimated} == {e.name for e in by_name.not_estimated}
     named = {e.name: e for e in fit.estimates}
-    chosen = {n for n in short.fit_names() if n in named and not n.startswith("marker")}
-    aside = {e.name for e in fit.not_estimated if not e.name.startswith("marker")}
-    assert chosen | aside == {n for n in short.fit_names() if not n.startswith("marker")}
-    assert len(chosen) == 4 * 6 + 6 - 6 - 6, "4 numbers for each turning joint and 6, less the frame and two markers"
+    every = {n for n in short.fit_names() if not n.startswith("marker")}
+    assert every == {e.name for e in fit.estimates if e.share is not None}, "arms are delivered with each of them"
+    told = 4 * 6 + 6 - 6 - 6
+    assert fit.directions == (told, 42), "4 numbers for each turning joint and 6, less the frame and two markers"
+    freely, aside = told_alone(short, readings)
+    assert len(freely) == told
+    assert not freely & aside
+    assert freely | aside == every
+    with pytest.raises(
+        NotIdentifiable, match=r"these readings do not tell joint_offset\[joint_1\]: confounded with frame"
+    ):
+        identify(short, readings, options=replace(LINEAR, free=True))
     estimate = named["joint_placement[joint_4].rx"]
     assert abs(estimate.value + 6e-4) < 4.0 * estimate.sd
     assert by_name.sigma_source == "stated"
+
+
+def told_alone(experiment: Experiment, readings: Readings) -> tuple[set[str], set[str]]:
+    """What of zeros and placements the readings tell without what is known before them, and what they do not."""
+    seen = observation_model(experiment, readings, linear=True)
+    told, left = identifiable_names(seen, LINEAR, known=False)
+    return {n for n in told if not n.startswith("marker")}, {e.name for e in left if not e.name.startswith("marker")}
 
 
 def test_geometry_can_be_asked_for_without_the_file(tmp_path: Path) -> None:
@@ -101,14 +126,24 @@ def test_geometry_can_be_asked_for_without_the_file(tmp_path: Path) -> None:
     assert "joint_placement[joint_2].x" in fit.names
 
 
-def test_what_no_pose_tells_is_left_aside(tmp_path: Path) -> None:
-    """Only joint 1 moves: the frame and the markers absorb all that its poses show, and no number of 42 is told."""
+def test_what_no_pose_tells_stays_as_it_was_known(tmp_path: Path) -> None:
+    """Only joint 1 moves: the frame and the markers absorb all that its poses show, and no number of 42 is told. Of the
+    markers, of which nothing is known, what only they and the frame share is left aside."""
     experiment = written(tmp_path, FILE + "fit: [marker_offset, geometry]\n")
-    fit = identify(experiment, made(experiment, spread(slice(0, 1))), options=LINEAR)
+    readings = made(experiment, spread(slice(0, 1)))
+    fit = identify(experiment, readings, options=LINEAR)
+    known = [e for e in fit.estimates if e.share is not None]
+    assert fit.directions == (0, 42)
+    for e in known:
+        assert e.share == pytest.approx(0.0, abs=1e-6)
+        assert e.sd == pytest.approx(e.counted_sd, rel=1e-6)
+        assert abs(e.value - e.initial) < 1e-6 * e.sd
+    assert told_alone(experiment, readings) == (set(), {e.name for e in known})
     left = {e.name: e for e in fit.not_estimated}
-    assert len([n for n in left if n.startswith(("joint_offset", "joint_placement"))]) == 42
+    assert left
+    assert all(n.startswith("marker_offset") for n in left)
     assert any("frame" in other for e in left.values() for other in e.correlated_with)
-    assert all("confounded with" in e.words() or "identifiable only to" in e.words() for e in left.values())
+    assert all("confounded with" in e.words() for e in left.values())
 
 
 def test_displacements_do_not_tell_it(m900ib: Experiment) -> None:

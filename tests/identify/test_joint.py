@@ -25,7 +25,7 @@ from qsframework.experiment import (
 )
 from qsframework.experiment.readings import joined
 from qsframework.identify import EstimateState, identify
-from qsframework.plugin import Array, Poses
+from qsframework.plugin import Array, Parameter, Poses
 from tests.identify.arm import arm_text, position_readings, spoilt
 
 ARM = arm_text(
@@ -93,7 +93,7 @@ def test_both_kinds_tell_more_than_either_and_the_truth(arm: Experiment) -> None
         squares.append(fit.chi2)
         assert fit.position.sum() == len(p)
         dof = fit.dof
-        assert dof == 3 * (len(p) + len(d)) - len(fit.estimates)
+        assert dof == 3 * (len(p) + len(d)) - 12, "the frame and the springs: of zeros something is known before"
     assert np.abs(z).max() < 4.0
     assert np.mean(np.square(z)) == pytest.approx(1.0, abs=0.6)
     assert abs(np.mean(squares) - dof) < 4.0 * np.sqrt(2.0 * dof / 6)
@@ -139,11 +139,20 @@ def test_fixed_and_tied(arm: Experiment) -> None:
 
 def test_priors_are_readings(arm: Experiment) -> None:
     """Information adds: the inverse covariance is that of the readings and that of the priors."""
-    p = positions(arm, true_x(arm), 10, 1)
-    with_, without = (identify(arm, p, NAMES, replace(KEEP, priors=flag)) for flag in (True, False))
-    known = arm.model().parameters
-    sd = {q.name: q.sd for q in known if q.sd is not None}
-    prior = np.diag([0.0 if n not in sd else 1.0 / sd[n] ** 2 for n in with_.names])
+    p, x = positions(arm, true_x(arm), 10, 1), true_x(arm)
+    model = arm.model()
+
+    def stated(q: Parameter) -> Parameter:
+        """As well known as by the readings, and by chance a sd off."""
+        own = q.name.startswith("joint_offset")
+        return replace(q, nominal=float(x[model.index([q.name])[0]]) + 5e-6, sd=5e-6) if own else q
+
+    known = arm.with_(parameters=tuple(stated(q) for q in arm.parameters))
+    with_, without = (identify(known, p, NAMES, replace(KEEP, free=flag)) for flag in (False, True))
+    assert [e.prior_sd for e in with_.estimates if e.share is not None] == [5e-6, 5e-6]
+    assert all(0.1 < e.share < 0.9 for e in with_.estimates if e.share is not None)
+    assert with_.dof == without.dof + 2
+    prior = np.diag([0.0 if e.counted_sd is None else 1.0 / e.counted_sd**2 for e in with_.estimates])
     assert prior.any()
     scale = np.sqrt(np.diag(without.covariance))
     told = np.linalg.inv(np.linalg.inv(without.covariance / np.outer(scale, scale)) + prior * np.outer(scale, scale))
@@ -183,8 +192,8 @@ def test_the_command_takes_several_files_in_one_fit(
     assert "displacements, 3D RMS" in said
     assert "positions, 3D RMS" in said
     assert (tmp_path / "r.html").stat().st_size > 10_000
-    run_identify(replace(files, data=(tmp_path / "p.csv",), report=None), NAMES, FitOptions(priors=True), False)
-    assert "Stated values and sds counted as readings" in capsys.readouterr().out
+    run_identify(replace(files, data=(tmp_path / "p.csv",), report=None), NAMES, FitOptions(free=True), False)
+    assert "Nothing counted as known before the readings" in capsys.readouterr().out
 
 
 def test_bad_words(arm: Experiment, tmp_path: Path) -> None:

@@ -164,13 +164,13 @@ def test_the_advice_names_options_that_exist(m900ib: Experiment) -> None:
             identify(m900ib, given)
         said.append(str(caught.value))
     assert "are of one pose: 6 parameters would rest on a single geometry" in said[0]
-    assert "add stated values (priors)" in said[0]
+    assert "or hold the others fixed" in said[0]
     assert "1 reading gives 3 numbers: too few for" in said[1]
     assert "measure more poses, or fit fewer" in said[1]
     command = typer.main.get_group(app).commands["identify"]
     known = {option for parameter in command.params for option in parameter.opts}
     named = set(re.findall(r"--[a-z-]+", " ".join(said)))
-    assert {"--fit", "--fixed", "--priors", "--method"} <= known
+    assert {"--fit", "--fixed", "--free", "--method"} <= known
     assert named <= known, named - known
 
 

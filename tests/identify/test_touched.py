@@ -23,7 +23,7 @@ from qsframework.experiment import (
     write_readings,
 )
 from qsframework.experiment.columns import joint_cells
-from qsframework.identify import identify
+from qsframework.identify import Fit, identify
 from qsframework.plugin import Array, Poses
 
 TEXT = """robot: ur10
@@ -120,9 +120,21 @@ def test_derivatives_are_those_of_differences(arm: Experiment, touched: Readings
         assert np.abs(J[:, k] - slope).max() < 1e-8
 
 
+def known_before(fit: Fit) -> Array:
+    """What sds (4,) counted of the joints' zeros, 1 mrad or more; of marker, points and plates nothing is known."""
+    known = [e for e in fit.estimates if e.counted_sd is not None]
+    assert [e.name for e in known] == [f"joint_offset[joint_{k}]" for k in (2, 3, 4, 5)]
+    sds = np.array([e.counted_sd for e in known], dtype=float)
+    assert np.all(sds >= 1e-3)
+    assert np.all(sds < 3e-3)
+    return sds
+
+
 def test_a_fit_is_that_of_differences_from_the_mean_of_each_point(arm: Experiment, touched: Readings) -> None:
-    """Least squares without the library's: each point's place is its rows' mean, whatever it is, so it drops out."""
+    """Least squares without the library's: each point's place is its rows' mean, whatever it is, so it drops out. The
+    joints' zeros are readings too."""
     fit = identify(arm, touched, options=FitOptions(keep_all=True))
+    known = known_before(fit)
     model, names = arm.model(), list(arm.fit_names())
     index = model.index(names)
     of = np.array([touched.frames.index(f"point:{name}") for name in POINTS for _ in range(EACH)])
@@ -133,7 +145,7 @@ def test_a_fit_is_that_of_differences_from_the_mean_of_each_point(arm: Experimen
         x[index] = v
         off = touched.value - places(arm, pendant, x)
         centred = off - np.stack([off[of == p].mean(axis=0) for p in of])
-        return centred.ravel() / 2e-5
+        return np.concatenate([centred.ravel() / 2e-5, v[3:] / known])
 
     scale = np.full(len(index), 1e-3)
     found = least_squares(error, model.nominal[index], x_scale=scale, jac="3-point", xtol=1e-15, ftol=1e-15)
@@ -148,7 +160,7 @@ def test_a_fit_is_that_of_differences_from_the_mean_of_each_point(arm: Experimen
     assert sd == pytest.approx(by_hand, rel=1e-3)
     assert np.abs((ours - truth(arm)[index]) / sd).max() < 3.5
     assert fit.chi2 == pytest.approx(2.0 * found.cost, rel=1e-6)
-    assert fit.dof == 3 * 2 * EACH - len(names) - 3 * len(POINTS)
+    assert fit.dof == 3 * 2 * EACH - 3 - 3 * len(POINTS), "nothing is known of the marker and of the points"
 
 
 def test_what_is_written_is_read_again(arm: Experiment, touched: Readings, tmp_path: Path) -> None:
@@ -242,8 +254,9 @@ def test_derivatives_of_a_plate_are_those_of_differences(arm: Experiment, plate:
 
 
 def test_a_fit_to_a_plate_is_that_of_differences_from_the_mean(arm: Experiment, plate: Readings) -> None:
-    """Along the normal only, whatever the plate's distance; the rows of the point as before."""
+    """Along the normal only, whatever the plate's distance; the rows of the point and of the zeros as before."""
     fit = identify(arm, plate, options=FitOptions(keep_all=True))
+    known = known_before(fit)
     model, names = arm.model(), list(arm.fit_names())
     index, u = model.index(names), NORMAL / np.linalg.norm(NORMAL)
     pendant, flat = plate.poses.pendant[plate.plus], np.arange(len(plate)) < PLATE
@@ -254,14 +267,15 @@ def test_a_fit_to_a_plate_is_that_of_differences_from_the_mean(arm: Experiment, 
         there = places(arm, pendant, x)
         along = plate.value[flat, 0] - there[flat] @ u
         off = plate.value[~flat] - there[~flat]
-        return np.concatenate([along - along.mean(), (off - off.mean(axis=0)).ravel()]) / 2e-5
+        centred = np.concatenate([along - along.mean(), (off - off.mean(axis=0)).ravel()]) / 2e-5
+        return np.concatenate([centred, v[3:] / known])
 
     found = least_squares(error, model.nominal[index], x_scale=np.full(len(index), 1e-3), jac="3-point", xtol=1e-15)
     own = {e.name: e for e in fit.estimates}
     ours, sd = (np.array([getattr(own[name], what) for name in names]) for what in ("value", "sd"))
     assert np.abs((ours - found.x) / sd).max() < 5e-3
     assert sd == pytest.approx(np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac))), rel=1e-3)
-    assert fit.dof == PLATE + 3 * 6 - len(names) - 4
+    assert fit.dof == PLATE + 3 * 6 - 3 - 4
     assert own["plane[table].distance"].value == pytest.approx(0.25, abs=3e-3)
 
 

@@ -55,7 +55,7 @@ def split_told(seen: ObservationModel) -> tuple[tuple[str, ...], tuple[str, ...]
 
     seen: the readings at the nominal arm, in its best frames
     """
-    told, _, _ = identifiable_names(seen, weakly=True)
+    told, _ = identifiable_names(seen, known=False)
     if not told:
         raise NotIdentifiable(
             f"these readings identify none of {', '.join(seen.names)}: was the arm loaded? Else check the nominal "

@@ -112,10 +112,13 @@ def fit_verdict(fit: Fit, poses: Poses | None = None) -> Verdict:
     readings, which say what would tell the others; left out, nothing says it."""
     before, after, largest = fit.held_out_nominal, fit.held_out_error, fit.held_out_largest
     asked = [e for e in fit.estimates if e.state is not EstimateState.FIXED]
-    known = [e for e in asked if e.state in _KNOWN]
+    alone = [e for e in asked if e.share is None or e.state is EstimateState.NOT_IDENTIFIABLE]
+    told, before_them = fit.directions
+    vague = sum(e.share is not None for e in alone)
+    count = sum(e.state in _KNOWN for e in alone) + told
     far = [e.name for e in asked if e.state is EstimateState.OUTSIDE_PRIOR]
-    unknown = [*(e.name for e in asked if e.state not in _KNOWN), *(entry.name for entry in fit.not_estimated)]
-    total = len(known) + len(unknown)
+    unknown = [*(e.name for e in alone if e.state not in _KNOWN), *(entry.name for entry in fit.not_estimated)]
+    total = len(alone) - vague + before_them + len(fit.not_estimated)
     p = fit.p_value
     kept = next(of.get("held_out_without_masked") for of in fit.errors.values())
     masked = "" if kept is None else f", all rows; {mm(kept)} without masked rows"
@@ -123,7 +126,8 @@ def fit_verdict(fit: Fit, poses: Poses | None = None) -> Verdict:
     if not np.isfinite(after):
         size = "no pose can be held out: the held-out error is unknown"
     every = "its one parameter is" if total == 1 else f"all {total} parameters are"
-    outcome = f"{every} identified" if not unknown else f"{len(known)} of {total} parameters identified"
+    things = "directions" if before_them else "parameters"
+    outcome = f"{every} identified" if count == total else f"{count} of {total} {things} identified"
     mark, word = Mark.GOOD, "Identified"
     if unknown:
         mark, word = Mark.LOOK, "Partially identified"
@@ -156,7 +160,7 @@ def fit_verdict(fit: Fit, poses: Poses | None = None) -> Verdict:
             (f"{mm(after)} mm", "held-out error, 3D RMS"),
             (f"{mm(before)} mm", "the same by the nominal model"),
             (f"{mm(largest)} mm", "largest distance at held-out poses"),
-            (f"{len(known)} of {total}", "parameters identified"),
+            (f"{count} of {total}", f"{things} identified"),
         ),
     )
 
