@@ -41,6 +41,8 @@ CORRELATED = 0.7
 _SENTENCES = 10
 _ROW, _BETWEEN, _AROUND = 18, 64, 150
 """Height of a parameter's row, of what stands between two panels, and around all, pixels."""
+_TALL = 850
+"""Most height of all rows: a window holds the figure."""
 
 
 def fit_figures(fit: Fit, before: FitRecord | None = None) -> tuple[Figure, ...]:
@@ -263,7 +265,8 @@ def parameter_figure(fit: Fit, other: FitRecord | None = None) -> Figure:
     own axis, so that frames do not set the scale of springs; other: a fit to be shown beside this one."""
     groups = grouped(((kind_of(e.name), _unit(e)), e) for e in fit.estimates if np.isfinite(e.value))
     groups = dict(sorted(groups.items(), key=lambda group: group[0][0].startswith("frame")))
-    tall = [_ROW * max(len(group), 3) for group in groups.values()]
+    each = min(_ROW, _TALL // sum(max(len(group), 3) for group in groups.values()))
+    tall = [each * max(len(group), 3) for group in groups.values()]
     height = sum(tall) + _BETWEEN * (len(tall) - 1) + _AROUND
     figure = panels(
         "Parameters with their standard deviations",

@@ -25,7 +25,7 @@ WAYS = (
     FitOptions(),
     FitOptions(loss="huber"),
     FitOptions(loss="soft_l1"),
-    FitOptions(priors=True),
+    FitOptions(free=True),
     FitOptions(shared="pose"),
 )
 

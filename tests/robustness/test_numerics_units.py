@@ -238,9 +238,9 @@ def test_priors_do_not_depend_on_the_unit_of_a_parameter() -> None:
     """A load's scale is told by its prior alone: what it tells is the same in every unit."""
     names = ("joint_compliance", "odd_load")
     data = readings(campaign(), seed=7)
-    wanted = identify(with_effects(campaign(), [OddUnitLoad()], names), data, options=FitOptions(priors=True))
+    wanted = identify(with_effects(campaign(), [OddUnitLoad()], names), data)
     for k in (1e-9, 1e9):
-        found = identify(with_effects(campaign(), [OddUnitLoad(k)], names), data, options=FitOptions(priors=True))
+        found = identify(with_effects(campaign(), [OddUnitLoad(k)], names), data)
         same_fits(found, wanted, np.where([n == "odd_load" for n in wanted.names], k, 1.0))
 
 
