@@ -69,8 +69,8 @@ def settle_fit(
     try:
         return _settled(ObservationModel(model, rows, own, start, tuple(names)), pulled)
     except (NotConverged, InputError):  # the nominal arm may not bear the load that a fitted one does
-        linear = _settled(ObservationModel(model, rows, own, start, tuple(names), linear=True), pulled)
         try:
+            linear = _settled(ObservationModel(model, rows, own, start, tuple(names), linear=True), pulled)
             return _settled(ObservationModel(model, rows, linear.frames, linear.x, tuple(names)), pulled)
         except (NotConverged, InputError) as error:
             raise NotConverged(
