@@ -22,7 +22,6 @@ from qsframework.experiment.account import Account
 from qsframework.plugin import Array
 from qsframework.robot.agreement import spread_poses
 
-LEVELS = ("in the base frame", "after the best frame", "after the best frame and tool")
 _POSES = 32
 """Poses over which frame and tool suit: nine numbers of 96."""
 _STEP = 1e-2

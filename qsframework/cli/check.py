@@ -72,8 +72,6 @@ def check_files(files: Sequence[Path], json: Path | None, report: Path | None = 
     data = tuple(file for file in files if by_kind[file] == "readings")
     if data and list(by_kind.values()).count("experiment") != 1:
         raise InputError(Problem("readings are checked with one experiment", hint="qsf check EXPERIMENT READINGS..."))
-    from qsframework.report.prior_table import prior_table
-
     with steps("check", *map(str, files)) as begins:
 
         def begun(file: Path) -> Checked:
@@ -84,6 +82,8 @@ def check_files(files: Sequence[Path], json: Path | None, report: Path | None = 
     for one in checked:
         print_folded(f"{one.file}: {one.said()}")
         if one.experiment is not None:
+            from qsframework.report.prior_table import prior_table
+
             table = prior_table(one.experiment, () if one.readings is None else one.readings.hashes)
             print()
             print_table(table.header, table.rows, caption=table.caption)

@@ -81,7 +81,7 @@ def settle_fit(
 
 def _settled(seen: ObservationModel, priors: dict[str, float]) -> SettledFit:
     found = settle(seen.observations().knowing(priors), _PLAIN, seen.start, tolerance=_CLOSE)
-    unit = 1.0 if found.unit is None else found.unit
+    unit = found.unit or 1.0
     return _fit_at(seen, found.x, found.covariance, unit * found.residuals, unit * found.jacobian)
 
 
