@@ -84,7 +84,7 @@ def check_files(files: Sequence[Path], json: Path | None, report: Path | None = 
         if one.experiment is not None:
             from qsframework.report.prior_table import prior_table
 
-            table = prior_table(one.experiment, () if one.readings is None else one.readings.hashes)
+            table = prior_table(one.experiment, one.readings)
             print()
             print_table(table.header, table.rows, caption=table.caption)
     if len(checked) == 1 and checked[0].experiment is not None:
@@ -167,7 +167,7 @@ def _report(checked: Sequence[Checked], report: Path) -> None:
     sections = [found_section([(str(c.file), c.words, c.lines) for c in checked])]
     for c in checked:
         if c.experiment is not None and c.readings is not None:
-            sections.append(Section("Known before the readings", (prior_table(c.experiment, c.readings.hashes),)))
+            sections.append(Section("Known before the readings", (prior_table(c.experiment, c.readings),)))
             sections.append(readings_section(c.experiment, c.readings, "/".join(c.file.parts[-2:])))
     sections += [robot_section(robot) for robot in {c.robot.folder: c.robot for c in checked}.values()]
     files = [path for c in checked if c.experiment is not None for path in (c.experiment.path, *c.data)]

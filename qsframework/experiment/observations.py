@@ -552,7 +552,7 @@ class ObservationModel:
     @cached_property
     def priors(self) -> Priors:
         """What is known of all parameters of the model before these readings."""
-        return priors_of(self.model, self.rows.readings.hashes)
+        return priors_of(self.model, self.rows.readings)
 
     @property
     def reach(self) -> float:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from qsframework.elastostatics import Model
+from qsframework.experiment.readings import Readings
 from qsframework.plugin import Array, ParallelSpring, Parameter, Sensor, Spring
 
 ADDED = 30.0
@@ -36,8 +37,9 @@ class Priors:
     source: tuple[str, ...]
 
 
-def priors_of(model: Model, used: Collection[str] = ()) -> Priors:
-    """What is known of each parameter before readings (their hashes) were used: never what was fitted to them."""
+def priors_of(model: Model, readings: Readings | None = None) -> Priors:
+    """What is known of each parameter before these readings: never what was fitted to them."""
+    used = readings.hashes if readings is not None and any(p.earlier for p in model.parameters) else ()
     springs, sensors = springs_of(model), model.names_of(Sensor)
     found = [_prior(p, used, p.name in springs, p.name in sensors) for p in model.parameters]
     values, sds, sources = zip(*found, strict=True) if found else ((), (), ())

@@ -223,7 +223,7 @@ def make_case(
     )
     raw, noise = columns * sizes, rows.padded_noise
     A, B = _split(noise.whiten(raw), motion_count(frames) + len(fitted), causes)
-    index, known = model.index(fitted), priors_of(model, rows.readings.hashes)
+    index, known = model.index(fitted), priors_of(model, rows.readings)
     own = [model.parameters[i] for i in index]
     return Case(
         experiment=experiment,

@@ -441,14 +441,15 @@ def _fit_of(experiment: Experiment, found: Found, options: FitOptions) -> Fit:
 
 def _by_axis(rows: ReadingRows, fit: LinearFit, solution: Solution, covariance: Array) -> tuple[Array, tuple[str, ...]]:
     """The covariance (p, p) of unit noise: where nobody states the noise, as it is by direction and distance, that is
-    C + C A' (V - 1) A C of whitened columns A; and what to say."""
+    C + C A' (V - 1) A C / b of whitened columns A, b the factor of a robust loss; and what to say."""
     Q = np.nan_to_num(rows.spread(fit.Q)).reshape(-1, fit.Q.shape[1])
     found = noise_by_axis(rows, LinearFit(Q, np.nan_to_num(rows.spread(fit.white)).ravel()))
     if found is None or found.p_value >= LEVEL:
         return covariance, ()
     if rows.stated:
         return covariance, (f"{axis_words(found)}.",) if chi2_sf(fit.chi2, fit.dof) >= LEVEL else ()
-    pull = np.nan_to_num(rows.spread((solution.unit or 1.0) * solution.jacobian @ covariance))
+    size = (solution.unit or 1.0) / np.sqrt(solution.robust)
+    pull = np.nan_to_num(rows.spread(size * solution.jacobian @ covariance))
     more = np.einsum("rip,rij,rjq->pq", pull, found.factor - np.eye(3), pull, optimize=True)
     return covariance + more, (f"{axis_words(found)}; the uncertainties allow for it.",)
 

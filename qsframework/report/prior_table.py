@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
 
 import numpy as np
 
-from qsframework.experiment import Experiment
+from qsframework.experiment import Experiment, Readings
 from qsframework.experiment.prior import families, priors_of
 from qsframework.report.blocks import ReportTable
 from qsframework.report.words.sizes import people_size
 
 
-def prior_table(experiment: Experiment, used: Sequence[str] = ()) -> ReportTable:
-    """The families that are to be estimated with readings of these hashes: how many of them there are, the sd of each
-    (1 sigma) and where it is from."""
+def prior_table(experiment: Experiment, readings: Readings | None = None) -> ReportTable:
+    """The families that are to be estimated with these readings: how many there are, the sd of each (1 sigma) and where
+    it is from."""
     model, names = experiment.model(), experiment.fit_names()
-    known, kinds = priors_of(model, used), families(model, names)
+    known, kinds = priors_of(model, readings), families(model, names)
     rows = Counter[tuple[str, str, str]]()
     for name, i in zip(names, model.index(names), strict=True):
         told = np.isfinite(known.sd[i])

@@ -1,5 +1,5 @@
 """Stated expanded uncertainties hold at targets and reflectors that nobody measured, by an arm of another code; what a
-fit holds at nominal values counts with its stated sd, and what nobody states is said."""
+fit holds at nominal values counts with its stated sd, and what nobody states as arms are delivered."""
 
 from __future__ import annotations
 
@@ -45,7 +45,8 @@ def test_an_error_of_what_was_held_moves_the_fit_as_the_fit_says(tmp_path: Path)
     np.testing.assert_allclose(again.held_covariance, fit.held_covariance, rtol=1e-12)
 
 
-def test_what_nobody_states_is_not_in_the_expected_error_and_is_named(tmp_path: Path) -> None:
+def test_what_nobody_states_counts_as_arms_are_delivered(tmp_path: Path) -> None:
+    """The files state .5 mrad, .3 mm and .3 mrad; arms are delivered with 1 mrad, .5 mm and .5 mrad."""
     one = drawn(KINDS[2], 1, tmp_path)
     there = fresh(one)
     wrench = np.concatenate([there.force, np.zeros_like(there.force)], axis=1)
@@ -58,11 +59,6 @@ def test_what_nobody_states_is_not_in_the_expected_error_and_is_named(tmp_path: 
     experiment = load_experiment(one.experiment.path)
     fit = identify(experiment, read_readings(experiment.data, experiment))
     plain = compensate(experiment, fit, targets)
-    notes = " ".join(plain.notes)
-    assert plain.base_sd is None
-    assert np.all(plain.sd < 0.2 * stated.sd)
-    assert "in the base frame they are not known, for nobody states how well " in notes
-    assert "counted as known exactly, for nobody states their sd: " in notes
-    aside = {entry.name for entry in fit.not_estimated}
-    assert {h.name for h in fit.held} == aside
-    assert any(name in notes for name in aside)
+    assert plain.base_sd is not None
+    assert 1.4 < np.sqrt(np.mean(plain.base_sd**2) / np.mean(stated.base_sd**2)) < 2.0
+    assert {h.name for h in fit.held} == {entry.name for entry in fit.not_estimated}

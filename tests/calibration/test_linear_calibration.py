@@ -67,9 +67,10 @@ def test_scale_of_an_unstated_noise() -> None:
 def test_scale_of_an_unstated_noise_beside_priors() -> None:
     """Balanced draws leave as much as their degrees of freedom, to the digits that wide priors cost."""
     free = observed(COLUMN, np.zeros(ROWS), SIGMA, stated=False)
-    known = replace(free, parameters=tuple(replace(p, sd=1e4 * p.typical) for p in free.parameters))
+    wide = np.array([1e4 * p.typical for p in free.parameters])
+    known = replace(free, prior=np.zeros(len(wide)), prior_sd=wide)
     drawn = [replace(known, measured=5.0 * SIGMA * e) for e in balanced(ROWS, np.random.default_rng(14))]
-    units = [settle(one, FitOptions(priors=True)).unit or 0.0 for one in drawn]
+    units = [settle(one).unit or 0.0 for one in drawn]
     assert np.mean(np.square(units)) == pytest.approx(25.0, rel=1e-3)
 
 

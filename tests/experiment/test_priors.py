@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import predicted
@@ -13,7 +15,7 @@ from scipy.stats import chi2
 from qsframework.elastostatics import Model
 from qsframework.errors import PluginError
 from qsframework.estimation import Independent, Observations, solve
-from qsframework.experiment import Experiment
+from qsframework.experiment import Experiment, Readings
 from qsframework.experiment.prior import ADDED, DELIVERED, FOUND, LAW, READINGS, STATED, priors_of
 from qsframework.plugin import Effect, Parameter, build_effects
 from qsframework.plugin.registry import registry
@@ -78,7 +80,7 @@ def test_what_is_declared_of_every_effect_as_arms_are_delivered(arm: Experiment)
 
 def of(model: Model, name: str) -> tuple[float, float, str]:
     """Value, sd and where it is from."""
-    priors, i = priors_of(model, ("these",)), model.names.index(name)
+    priors, i = priors_of(model, cast(Readings, SimpleNamespace(hashes=("these",)))), model.names.index(name)
     return float(priors.value[i]), float(priors.sd[i]), priors.source[i]
 
 

@@ -147,7 +147,7 @@ def test_what_cannot_be_told_is_named(arm: Experiment) -> None:
     assert not set(left) & set(told)
     assert set(left) | set(told) == set(names)
     assert "confounded with" in left["joint_placement[joint_4].rz"].words()
-    words = r"do not tell joint_offset\[joint_1\]: confounded with frame\[morning\]\.ry.* and 10 more\. Take these out"
+    words = r"identifiable: joint_offset\[joint_1\]: confounded with frame\[morning\]\.ry.* and 10 more\. Take them out"
     with pytest.raises(NotIdentifiable, match=words):
         identify(arm, states, GEOMETRY, replace(KEEP, free=True))
 

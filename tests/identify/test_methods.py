@@ -201,7 +201,8 @@ def test_a_spring_that_is_hardly_told_keeps_what_is_stated_of_it(m900ib: Experim
     assert first.value == pytest.approx(first.initial, rel=1e-3)
     assert first.sd == pytest.approx(0.3 * first.initial, rel=1e-3)
     assert any(
-        f"{first.name}: the readings tell it worse than its own size; it takes its stated sd" in n for n in fit.notes
+        f"{first.name}: its sd by the readings alone exceeds its own size; it takes its stated sd" in n
+        for n in fit.notes
     )
     assert [e.name for e in others if e.state is not EstimateState.FINE or e.share is not None] == []
     assert pivot.share is not None

@@ -33,6 +33,7 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from qsframework.cli import main
+from qsframework.identify import read_fit
 
 PINNED = Path(__file__).parent / "pinned"
 
@@ -59,18 +60,19 @@ CABLE_SPRINGS = {
     "full": ((1.1609, 0.3678, 0.5093, 3.7003, 2.3493, 4.8547), (0.0411, 0.0594, 0.0610, 0.5226, 0.4026, 2.337)),
 }
 
-# 2. The UR10's real positions (examples/ur10/README.md, docs/ur10.md). Numbers told, left aside; RMS of the distance,
-#    mm: of the fit, and at held-out poses, which the README rounds to 0.344 (D) and 0.396 (B). Tolerance: 0.1 %. Errors
-#    at halves that were not fitted stand in docs/ur10.md; no command gives them.
+# 2. The UR10's real positions (examples/ur10/README.md, docs/ur10.md). Directions identified, and how many there are of
+#    what was known before; RMS of the distance, mm: of the fit, and at held-out poses, which the README rounds to 0.344
+#    (D) and 0.396 (B). Tolerance: 0.1 %. Errors at halves that were not fitted stand in docs/ur10.md; no command gives
+#    them.
 GEOMETRY = ("marker_offset", "joint_offset", "joint_placement")
 STRUCTURAL, SPRINGS, SAG = GEOMETRY, (*GEOMETRY, *JOINTS[1:3]), (*GEOMETRY, "gravity_sag")
 POSITIONS: dict[tuple[str, tuple[str, ...]], tuple[int, int, float, float]] = {
-    ("b", STRUCTURAL): (25, 26, 0.4333, 0.4356),
-    ("b", SPRINGS): (27, 26, 0.4029, 0.4053),
-    ("b", SAG): (42, 27, 0.3915, 0.3951),
-    ("d", STRUCTURAL): (25, 26, 0.3960, 0.4018),
-    ("d", SPRINGS): (27, 26, 0.3394, 0.3451),
-    ("d", SAG): (42, 27, 0.3347, 0.3436),
+    ("b", STRUCTURAL): (16, 42, 0.4333, 0.4356),
+    ("b", SPRINGS): (16, 42, 0.4029, 0.4053),
+    ("b", SAG): (31, 60, 0.3924, 0.3957),
+    ("d", STRUCTURAL): (16, 42, 0.3960, 0.4018),
+    ("d", SPRINGS): (16, 42, 0.3394, 0.3451),
+    ("d", SAG): (31, 60, 0.3347, 0.3436),
 }
 #    Springs of joints 2 and 3, urad/(N m), to 0.5 %. README, by independent code: 13 and 13 in B, 10 and 11 to 14 in D.
 POSITION_SPRINGS = {"b": (13.24, 12.72), "d": (9.840, 11.49)}
@@ -341,8 +343,8 @@ def test_positions(series: str, names: tuple[str, ...], tmp_path: Path) -> None:
     chosen = [word for name in names for word in ("--fit", name)]
     data = PINNED / "ur10" / f"series_{series}.csv"
     fit = identify(PINNED / "ur10" / "experiment.yaml", tmp_path, data, *chosen, linear=False)
-    told, aside, error, left_out = POSITIONS[series, names]
-    assert (len(fit["parameters"]), len(fit["not_estimated"])) == (told, aside)
+    told, every, error, left_out = POSITIONS[series, names]
+    assert (*read_fit(tmp_path / "fit.json").directions, len(fit["not_estimated"])) == (told, every, 0)
     assert fit["errors_mm"]["position"]["identified"] == pytest.approx(error, rel=1e-3)
     assert fit["rms_per_axis_mm"]["leave_one_out_without_masked"] * 3**0.5 == pytest.approx(left_out, rel=1e-3)
     assert fit["masked_rows"] == WRONG_ROWS[series]
