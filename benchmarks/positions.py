@@ -76,7 +76,7 @@ rigid: true
 def drawn(experiment: Experiment, plan: Plan, draws: int) -> tuple[list[str], Array, Array]:
     """Names, predicted sds and sds (p,) of so many draws of the noise, of what a plan identifies."""
     names = experiment.fit_names()
-    predicted = predicted_sd(experiment, plan, names)
+    predicted = predicted_sd(experiment, plan, names, free=True)
     kept = [name for name, sd in zip(names, predicted, strict=True) if np.isfinite(sd)]
     readings = planned_readings(experiment, plan, start_values(experiment, names))
     frames = [station_frame(experiment, f) for f in readings.frames]

@@ -25,7 +25,7 @@ from qsframework.applications.inverse import (
     rigid_jacobian,
     rigid_tip,
 )
-from qsframework.applications.levels import Absorbed, absorbed, tip_slope
+from qsframework.applications.levels import Levels, levels_of, tip_slope
 from qsframework.applications.options import Reference
 from qsframework.applications.programme import overloads
 from qsframework.applications.targets import Targets
@@ -199,11 +199,11 @@ def compensate(
     _check_gives(experiment, x, targets)
     framed = _series(fit) is not None and reference == "commanded"
     names = [*fit.names, *(h.name for h in fit.held)]
-    taken_up = absorbed(experiment, fit.account, names, x, targets.wrench) if framed else None
+    levels = levels_of(experiment, fit.account, names, x, targets.wrench) if framed else None
     parts: list[tuple[Array, ...]] = []
     for start in range(0, len(targets), _BLOCK):
         part = np.arange(start, min(start + _BLOCK, len(targets)))
-        parts.append(_block(experiment, fit, x, targets, part, reference, taken_up))
+        parts.append(_block(experiment, fit, x, targets, part, reference, levels))
         if tell is not None:
             tell("targets", int(part[-1]) + 1, len(targets))
     pendant, deflection, own, left, spread, noise, open_ = (np.concatenate(a) for a in zip(*parts, strict=True))
@@ -359,7 +359,7 @@ def _block(
     targets: Targets,
     part: Indices,
     reference: str,
-    taken_up: Absorbed | None,
+    levels: Levels | None,
 ) -> tuple[Array, ...]:
     """Corrected angles, deflection, its part without the wrench, what is left, and `_spread` at each level, of some
     targets."""
@@ -387,8 +387,8 @@ def _block(
     slope = tip_slope(model, names, x, lambda v: stand(pendant, v))
     measured = 0 if reference == "unloaded" else len(names) if fit.account.positions else len(fit.names)
     slope[..., measured:] -= tip_slope(model, names[measured:], x, lambda v: stand(start, v, False))
-    levels = (slope,) * 3 if taken_up is None else taken_up.levels(slope, stand(pendant, x))
-    spread = (np.stack(parts, axis=1) for parts in zip(*(_spread(model, fit, own) for own in levels), strict=True))
+    slopes = (slope,) * 3 if levels is None else levels.of(slope, stand(pendant, x))
+    spread = (np.stack(parts, axis=1) for parts in zip(*(_spread(model, fit, own) for own in slopes), strict=True))
     return pendant, deflection, bare, error, *spread
 
 

@@ -15,10 +15,9 @@ import numpy as np
 
 from qsframework.applications.inverse import TipPose, pose_error, poses_at
 from qsframework.elastostatics import Model, equilibrium
-from qsframework.elastostatics.so3 import cross_matrix
-from qsframework.estimation.projection import least_squares
 from qsframework.experiment import Experiment
 from qsframework.experiment.account import Account
+from qsframework.information.absorbed import FRAME, TOOL, Absorbed, absorbed, tip_motions
 from qsframework.plugin import Array
 from qsframework.robot.agreement import spread_poses
 
@@ -29,19 +28,19 @@ _STEP = 1e-2
 
 
 @dataclass(frozen=True, eq=False)
-class Absorbed:
-    """Motions of the frame (6, p), and of frame and tool (9, p), that take up one unit of each parameter best."""
+class Levels:
+    """What the best frame, and the best frame and tool, take up of the parameters."""
 
-    frame: Array
-    both: Array
+    frame: Absorbed
+    both: Absorbed
 
-    def levels(self, slope: Array, tip: TipPose) -> tuple[Array, Array, Array]:
+    def of(self, slope: Array, tip: TipPose) -> tuple[Array, Array, Array]:
         """Slopes (N, 6, p) of the tip by the parameters, at the three levels."""
-        moved = _motions(tip)
-        return slope, slope - moved[:, :, :6] @ self.frame, slope - moved @ self.both
+        moved = tip_motions(tip.position, tip.rotation)
+        return slope, self.frame.left(slope, moved), self.both.left(slope, moved)
 
 
-def absorbed(experiment: Experiment, account: Account, names: Sequence[str], x: Array, wrench: Array) -> Absorbed:
+def levels_of(experiment: Experiment, account: Account, names: Sequence[str], x: Array, wrench: Array) -> Levels:
     """What frame and tool take up of the parameters of these names, at values x of all (q,), under wrenches (N, 6)."""
     robot, model = experiment.robot, experiment.model()
     low, high = np.array(account.angles).reshape(-1, 2).T
@@ -52,18 +51,9 @@ def absorbed(experiment: Experiment, account: Account, names: Sequence[str], x: 
         found = equilibrium(model, poses, values, loaded=True)
         return TipPose(found.tip, found.tip_rotation)
 
-    slope = tip_slope(model, names, x, stand)[:, :3].reshape(-1, len(names))
-    moved = _motions(stand(x))[:, :3].reshape(len(slope), 9)
-    return Absorbed(*(least_squares(moved[:, :count], slope) for count in (6, 9)))
-
-
-def _motions(tip: TipPose) -> Array:
-    """How the tip moves (N, 6, 9) with the base's shift and turn, and with a shift of the tool on the flange."""
-    out = np.zeros((len(tip), 6, 9))
-    out[:, :3, :3] = out[:, 3:, 3:6] = np.eye(3)
-    out[:, :3, 3:6] = -cross_matrix(tip.position)
-    out[:, :3, 6:] = tip.rotation
-    return out
+    slope, tip = tip_slope(model, names, x, stand)[:, :3], stand(x)
+    moved = tip_motions(tip.position, tip.rotation)[:, :3]
+    return Levels(absorbed(slope, moved, FRAME), absorbed(slope, moved, FRAME + TOOL))
 
 
 def tip_slope(model: Model, names: Sequence[str], x: Array, stand: Callable[[Array], TipPose]) -> Array:

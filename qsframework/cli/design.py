@@ -6,8 +6,11 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from qsframework.cli.commands import beside, distinct_outputs, load_campaign, write_json
 from qsframework.cli.files import DesignFiles
+from qsframework.cli.identify import ROWS
 from qsframework.cli.printing import print_folded, print_table, print_verdict
 from qsframework.cli.progress import progress
 from qsframework.design import (
@@ -26,6 +29,7 @@ from qsframework.design.problem import counted_once
 from qsframework.elastostatics import range_notes
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Plan, Readings, read_plan, read_readings, write_plan
+from qsframework.experiment.prior import priors_of
 from qsframework.information import predicted_sd
 from qsframework.plugin import Array
 from qsframework.report import certificate_text, sd_table, write_report
@@ -78,14 +82,14 @@ def run_design(
                 work=work,
             )
     write_plan(files.output, plan, experiment)
-    sds = {"this plan": predicted_sd(experiment, plan)}
+    sds = {"this plan": predicted_sd(experiment, plan, free=options.free)}
     if taken:
-        sds["with what was taken"] = joint_sd(experiment, [plan, *counted_once(taken)[0]])
+        sds["with what was taken"] = joint_sd(experiment, [plan, *counted_once(taken)[0]], free=options.free)
     table = _sd_table(experiment, plan, sds)
     verdict = plan_verdict(experiment, plan, sds["this plan"], needed is None or needed.enough)
     print_verdict(verdict)
     print_folded(*([] if needed is None else need_words(needed)))
-    print_table(table.header, table.rows)
+    print_table(table.header, table.rows, most=None if files.verbose else ROWS)
     print_folded(f"{found.words() if files.verbose else found.summary}.")
     if not files.verbose and any(found.alone.values()):
         print("`--verbose` says which constraint excludes how many.")
@@ -142,8 +146,12 @@ def _needed(
 
 
 def _sd_table(experiment: Experiment, plan: Plan, sds: Mapping[str, Array]) -> ReportTable:
-    """The predicted sds, of positions without the parameters that no plan identifies."""
+    """The predicted sds, of positions without the parameters that no plan identifies, beside what is known before."""
     parameters, identified = experiment.fit_parameters(), plan.certificate.parameters if plan.certificate else ()
+    model = experiment.model()
+    before = priors_of(model).sd[model.index(experiment.fit_names())]
+    if np.isfinite(before).any():
+        sds = {"before": np.where(np.isfinite(before), before, np.nan), **sds}
     kept = [i for i, p in enumerate(parameters) if p.name in identified or not plan.of_positions.any()]
     return sd_table([parameters[i] for i in kept], {name: sd[kept] for name, sd in sds.items()})
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 _MASKED = {"gross": "masked by the fit, outlier", "doubled_rows": "masked by the fit"}
-_ROWS, _NOT_ESTIMATED = 11, 4
+ROWS, _NOT_ESTIMATED = 11, 4
 """Rows of the parameters and of those that were not estimated, unless all are wanted."""
 
 
@@ -110,7 +110,7 @@ def _tell(result: Fit, verdict: Verdict, other: FitRecord | None, verbose: bool)
     unestimated = (not_estimated_table(result),) if result.not_estimated else ()
     whole = (*moved, *interval_tables(result), *error_tables(result))
     for table in (fit_table(result, brief=not verbose), *whole, *unestimated):
-        most = None if verbose or table in whole else _NOT_ESTIMATED if table in unestimated else _ROWS
+        most = None if verbose or table in whole else _NOT_ESTIMATED if table in unestimated else ROWS
         print_table(table.header, table.rows, caption=table.caption, most=most)
 
 

@@ -43,6 +43,7 @@ SHARED = {
 }
 """Options that many commands have: `qsf --help` explains them."""
 GONE = {
+    "design --prior": "what is known before the readings counts always; --free counts nothing as known.",
     "design --worst": "--samples plans for the mean over the draws.",
     "identify --priors": "what is known before the readings counts always; --free counts nothing as known.",
     "identify --urdf": "qsf kinematics --urdf writes it.",

@@ -14,7 +14,7 @@ from qsframework.design.candidates import Candidates, generate_candidates
 from qsframework.design.catalogue import find_criterion
 from qsframework.design.certified import relaxed_design, shares
 from qsframework.design.column_generation import Relaxed
-from qsframework.design.criteria import Criterion, Mean
+from qsframework.design.criteria import Criterion, Mean, covariance
 from qsframework.design.exact import Quotas, exchange
 from qsframework.design.options import CriterionName, DesignOptions
 from qsframework.design.polish import polish
@@ -25,16 +25,18 @@ from qsframework.design.problem import (
     make_problem,
     require_rank,
     taken_information,
-    tip_rows,
 )
 from qsframework.design.relaxed import SOLVER
 from qsframework.design.task import white_basis
+from qsframework.design.tip import tip_rows, unstated
 from qsframework.elastostatics import Site
 from qsframework.errors import InputError, NotIdentifiable, some_of
+from qsframework.estimation.statistics import identified_directions
 from qsframework.experiment import Experiment, Plan, PlanCertificate, Readings, make_plan
 from qsframework.experiment.observations import start_values
 from qsframework.experiment.plan import nothing_bends
 from qsframework.information.rows import as_rows, gathered_information
+from qsframework.information.sensitivities import known_before
 from qsframework.plugin import Array, Indices, Poses
 from qsframework.work import HERE, Work
 
@@ -113,7 +115,9 @@ def design(
         experiment, candidates, total, samples, prior, options.budget is not None, partial(tell, "sensitivities"), work
     )
     require_rank(problem)
-    rule = Mean(_criterion(problem, options, test_poses, tip))
+    of_tip = options.criterion == "I"
+    beside = unstated(experiment, problem.names) if of_tip and not options.free else ()
+    rule = Mean(_criterion(problem, options, test_poses, tip, beside))
     tries = [_relaxed(own, rule, options, seed, tell) for own in choices(problem, options)]
     tries.sort(key=lambda one: one.bound)
     best: _Tried | None = None
@@ -123,7 +127,11 @@ def design(
             best = one if best is None or one.value < best.value else best
     assert best is not None
     once = (f"poses that stand twice in what was taken count once: {some_of(again)}",) if again else ()
-    return _plan(best, rule, options, tries[0].bound, seed, tell, *once)
+    plan, M = _plan(best, rule, options, tries[0].bound, seed, tell, *once)
+    if not of_tip or options.free:
+        return plan
+    base = Mean(_criterion(problem, options, test_poses, tip, ())) if beside else None
+    return _with_tip(plan, base and float(base.value(M)), float(rule.value(_as_known(problem))))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -203,18 +211,20 @@ def _prior(
     names: Sequence[str],
     samples: Array,
 ) -> Array:
-    """Information (S, p, p) that is there before: stated sds, readings and plans taken already."""
-    model = experiment.model()
-    parameters = [model.parameters[i] for i in model.index(names)]
-    stated = np.array([1.0 if options.prior and p.sd else 0.0 for p in parameters])
-    total = np.tile(np.diag(stated), (len(samples), 1, 1))
+    """Information (S, p, p) that is there before: what is known, readings and plans taken already."""
+    before = known_before(experiment.model(), names, options.free)
+    total = np.tile(np.diag(before**2), (len(samples), 1, 1))
     for one in taken:
         total = total + taken_information(experiment, one, names, samples)
     return total
 
 
 def _criterion(
-    problem: DesignProblem, options: DesignOptions, test_poses: Poses | None, site: Site | None
+    problem: DesignProblem,
+    options: DesignOptions,
+    test_poses: Poses | None,
+    site: Site | None,
+    beside: Sequence[int],
 ) -> Criterion:
     experiment = problem.experiment
     experiment.model().index(options.interest)  # an InputError names the nearest
@@ -227,7 +237,7 @@ def _criterion(
     interest = [problem.names.index(name) for name in options.interest]
     tip, width = None, problem.reading.width
     if options.criterion == "I":
-        tip = tip_rows(experiment, test_poses, problem.pendant, problem.names, site)
+        tip = tip_rows(experiment, test_poses, problem.pendant, problem.names, site, beside)
         tip = np.pad(tip, ((0, 0), (0, 0), (0, width - len(problem.names))))
     return find_criterion(options.criterion, interest, width, tip, problem.wanted.tolist())
 
@@ -318,8 +328,9 @@ def _quotas(
 
 def _plan(
     one: _Tried, rule: Mean, options: DesignOptions, bound: float, seed: int, tell: Progress, *notes: str
-) -> Plan:
-    """Put the chosen candidates, polished, and the certificate into a Plan. bound: no plan has a criterion below it"""
+) -> tuple[Plan, Array]:
+    """Put the chosen candidates, polished, and the certificate into a Plan, with its information. bound: no plan has a
+    criterion below it"""
     problem, relaxed, chosen, counts = one.problem, one.relaxed, one.chosen, one.counts
     total = int(counts.sum())
     M = problem.prior + _settled_information(problem, chosen, counts.astype(float))
@@ -347,6 +358,7 @@ def _plan(
         polished_from=polished,
         notes=(
             *_notes(problem, rule, M[0], np.bincount(problem.load(chosen), minlength=len(problem.loads))),
+            *_nothing_new(problem, options, M[0]),
             *((_FIRST_STEP,) if problem.linear else ()),
             *notes,
         ),
@@ -355,7 +367,7 @@ def _plan(
     order = np.lexsort((*poses.pendant.T[::-1], load, station))
     names = tuple(problem.loads[int(g)].name for g in load[order])
     stations = tuple(problem.reading.stations[int(s)].name for s in station[order])
-    return make_plan(
+    plan = make_plan(
         poses.take(order),
         names,
         counts[order].tolist(),
@@ -366,6 +378,22 @@ def _plan(
         station=stations,
         robot=problem.experiment.robot.name,
     )
+    return plan, M
+
+
+def _as_known(problem: DesignProblem) -> Array:
+    """The information before the plan, springs of which nothing is known as far off as their stated, else their
+    natural size."""
+    model, names = problem.experiment.model(), problem.names
+    sharp = [p.scale / (p.sd or p.scale) for p in (model.parameters[i] for i in model.index(names))]
+    own = np.where(known_before(model, names), 0.0, sharp)
+    return problem.prior + np.diag(np.pad(own**2, (0, problem.reading.width - len(names))))
+
+
+def _with_tip(plan: Plan, base: float | None, before: float) -> Plan:
+    """With what is known of the tip in the base frame, where that is not what the plan is for, and before the plan."""
+    assert plan.certificate is not None
+    return replace(plan, certificate=replace(plan.certificate, value_in_base=base, value_before=before))
 
 
 def _settled_information(problem: DesignProblem, index: Indices, weights: Array) -> Array:
@@ -373,6 +401,18 @@ def _settled_information(problem: DesignProblem, index: Indices, weights: Array)
     if not problem.linear:
         return gathered_information(problem.rows, index, weights)
     return gathered_information(as_rows(problem.made(index)), np.arange(len(index)), weights)
+
+
+def _nothing_new(problem: DesignProblem, options: DesignOptions, M: Array) -> tuple[str, ...]:
+    """What is to be said of a plan whose parameters are all known better than its readings could tell them."""
+    wanted = problem.wanted
+    before = known_before(problem.experiment.model(), problem.names, options.free)[wanted]
+    if not before.all() or identified_directions(covariance(M)[np.ix_(wanted, wanted)], 1.0 / before):
+        return ()
+    return (
+        "these readings would identify none of the parameters better than they are known already: worth measuring is "
+        "what nobody states, such as the springs (joint_compliance, under `loads`)",
+    )
 
 
 def _notes(problem: DesignProblem, rule: Mean, M: Array, counts: Indices) -> tuple[str, ...]:

@@ -12,11 +12,11 @@ import numpy as np
 from qsframework.design.candidates import Candidates
 from qsframework.design.design import design
 from qsframework.design.options import DesignOptions
-from qsframework.design.problem import tip_rows
+from qsframework.design.tip import tip_rows, unstated
 from qsframework.elastostatics import Site
 from qsframework.errors import NotIdentifiable
 from qsframework.experiment import Experiment, Plan
-from qsframework.information.sensitivities import plan_columns
+from qsframework.information.sensitivities import covariance_after, plan_columns
 from qsframework.plugin import Array, Poses
 from qsframework.work import HERE, Work
 
@@ -86,8 +86,8 @@ def plan_for(
 ) -> Needed:
     """The smallest plan after whose fit the point `site` is known to `accuracy`, m, k = 2, at every one of J poses.
 
-    The position is meant in the base frame that the parameters hold which the readings do not tell. NotIdentifiable
-    where not even `most` poses tell the parameters.
+    The position is meant after the best frame and tool, where the readings give them, else in the base frame.
+    NotIdentifiable where not even `most` poses tell the parameters.
     """
     options = replace(
         options or DesignOptions(), criterion="I"
@@ -96,6 +96,7 @@ def plan_for(
     repeatability = COVERAGE * np.sqrt(3.0) * (experiment.noise.repeatability or 0.0)
     wanted = (accuracy**2 - repeatability**2) / COVERAGE**2
     made: dict[int, Plan] = {}
+    at = candidates.pendant if isinstance(candidates, Candidates) else candidates
 
     def value(count: int) -> float:
         """The largest variance (m^2) at the points after a plan of so many poses; inf where these tell too little."""
@@ -116,13 +117,13 @@ def plan_for(
                 if count >= most:
                     raise
                 return np.inf
-        return float(_at_points(experiment, made[count], points, site)[0].max())
+        return float(_at_points(experiment, made[count], points, site, at, options.free)[0].max())
 
     fewest, most = _allowed(experiment, most)
     first = max(_FIRST, fewest, ceil(2 * len(experiment.fit_names()) / (3 * len(experiment.markers))))
     count, least = _searched(value, made, wanted, min(first, most), fewest, most)
     plan = made[count]
-    variances, shares = _at_points(experiment, plan, points, site)
+    variances, shares = _at_points(experiment, plan, points, site, at, options.free)
     short = max(value(count) / wanted, 1.0) if wanted > 0.0 else np.inf
     return Needed(
         plan=plan,
@@ -180,18 +181,16 @@ def _fewest(plan: Plan, wanted: float) -> int:
 
 
 def _at_points(
-    experiment: Experiment, plan: Plan, points: Poses, site: Site
+    experiment: Experiment, plan: Plan, points: Poses, site: Site, candidates: Array, free: bool
 ) -> tuple[Array, tuple[tuple[str, float], ...]]:
     """Variances (J,) m^2 of the tip at the points after a plan, and which parameters make up the largest."""
     assert plan.certificate is not None
     names: Sequence[str] = plan.certificate.parameters
-    columns = plan_columns(experiment, plan, names)
-    S = tip_rows(experiment, points, points.pendant, names, site)
-    norm = np.linalg.norm(columns, axis=0)
-    inverse = np.linalg.inv(np.linalg.qr(columns / norm, mode="r"))
-    covariance = (inverse @ inverse.T) / np.outer(norm, norm)
-    each = np.einsum("jcp,pq,jcq->jp", S, covariance, S)
+    beside = () if free else unstated(experiment, names)
+    own, half = covariance_after(experiment.model(), plan_columns(experiment, plan, names), names, free)
+    S = tip_rows(experiment, points, candidates, names, site, beside)[:, :, own]
+    each = np.einsum("jcp,pq,jcq->jp", S, half @ half.T, S)
     worst = each[int(np.argmax(each.sum(axis=1)))]
     order = np.argsort(-worst)[:5]
     total = float(worst.sum())
-    return each.sum(axis=1), tuple((names[int(i)], float(worst[i]) / total) for i in order)
+    return each.sum(axis=1), tuple((names[own[int(i)]], float(worst[i]) / total) for i in order)

@@ -30,7 +30,7 @@ class DesignOptions(Options):
     repeats: Annotated[bool, Option("Allow a pose to be measured more than once.")] = False
     criterion: CriterionName = "I"
     interest: Annotated[tuple[str, ...], Option("A parameter of interest for Ds and L.")] = ()
-    prior: Annotated[bool, Option("Use the stated sd of each parameter as prior information.")] = False
+    free: Annotated[bool, Option("Plan as if nothing were known of the parameters before the readings.")] = False
     samples: Annotated[int, Option("Draws of the parameters that the plan must serve.", least=1, most=1000)] = 1
     efficiency: Annotated[float, Option("Efficiency that must be certified.", group="Search", least=0.0, most=1.0)] = (
         0.9999

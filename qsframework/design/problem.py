@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from qsframework.design.candidates import Candidates
-from qsframework.design.reading import FRAME_SD, CandidateReading, StationRows, sample_rows
-from qsframework.elastostatics import Model, Site
+from qsframework.design.reading import FRAME_SD, CandidateReading, StationRows, sample_rows, unknown_frames
+from qsframework.elastostatics import Model
 from qsframework.errors import InputError, NotIdentifiable, Problem
 from qsframework.estimation import RankTest, rank_test, scales
 from qsframework.experiment import Experiment, LoadCase, Plan, Readings
@@ -20,9 +20,9 @@ from qsframework.experiment.plan import make_plan
 from qsframework.experiment.simulate import prior_draws
 from qsframework.experiment.stations import Station
 from qsframework.information import Allowed, CandidateRows, MadeRows, as_rows, loss_words
-from qsframework.information.identifiable import NotEstimated, choose, in_order, limits_of
+from qsframework.information.identifiable import NotEstimated, choose, in_order
 from qsframework.information.rows import root
-from qsframework.information.sensitivities import plan_columns, readings_columns, sd_of_taken
+from qsframework.information.sensitivities import known_before, plan_columns, readings_columns, sd_after
 from qsframework.plugin import Array, Indices, Poses, Sensor
 from qsframework.work import HERE, Work, run
 
@@ -36,7 +36,6 @@ _SETTLED = 40_000
 _TRIED, _ALIKE = 512, 0.05
 """Beyond, so many of them say whether the first step from the commanded pose ranks alike: where the information of any
 combination of parameters differs by less than this share."""
-_TEST_POSES = 200
 _SAME, _NEAR, _SAME_LOAD = float(np.deg2rad(0.02)), float(np.deg2rad(1.0)), 0.01
 """rad, share: an arm stands at the same angles up to the first, near a planned pose up to the second; loads are the
 same up to the third."""
@@ -230,9 +229,7 @@ def make_reading(experiment: Experiment, samples: Array | None = None) -> Candid
     names, loads = experiment.fit_names(), experiment.cases
     at = start_values(experiment, names)[None] if samples is None else samples
     stations = experiment.stations or (Station(),)
-    known = {frame.series for frame in experiment.frames}
-    reads = any(load.of_positions for load in loads)
-    unknown = [s.name for s in stations if s.name not in known] if reads else []
+    unknown = unknown_frames(experiment)
     reading = CandidateReading(
         experiment=experiment,
         names=names,
@@ -276,9 +273,8 @@ def _identifiable(problem: DesignProblem, prior: Prior) -> DesignProblem:
     columns = np.concatenate([block[:, p:], block[:, :p][:, order]], axis=1) * np.sqrt(problem.total / len(some))
     before = np.pad(root(prior(names)[0]).T, ((0, 0), (columns.shape[1] - p, 0)))
     labels = [f"frame[{s.name}].{a}".replace("[]", "") for s in _unknown(problem) for a in AXES]
-    limits = np.concatenate([np.full(len(labels), np.inf), limits_of(experiment.model(), names)])
     every = [*labels, *names]
-    taken, held = choose(np.concatenate([columns, before]), every, limits)
+    taken, held = choose(np.concatenate([columns, before]), every)
     held = tuple(h for h in held if h.name in names)
     by_name = [h for h in held if h.name in (experiment.fit or ())]
     if by_name or len(held) == len(names):
@@ -380,33 +376,6 @@ def draw_samples(model: Model, count: int, seed: int) -> Array:
     return np.concatenate([model.nominal[None], drawn])
 
 
-def tip_rows(
-    experiment: Experiment, poses: Poses | None, candidates: Array, names: Sequence[str], site: Site | None = None
-) -> Array:
-    """Sensitivity (J, 3, p) of the tip at test poses, m per unit of each scaled parameter: of its position where
-    positions are planned, else of how far a load moves it.
-
-    poses None: the first candidates under every load of the experiment stand for the work; site: the tip, where the
-    poses' wrenches act, the load point if None
-    """
-    if poses is None:
-        few, cases = candidates[:_TEST_POSES], experiment.cases
-        pendant = np.tile(few, (len(cases), 1))
-        wrench = np.repeat(np.stack([load.wrench for load in cases]), len(few), axis=0)
-        poses = Poses(pendant, experiment.robot.controller.to_joints(pendant), wrench)
-    model = experiment.model()
-    size = scales([model.parameters[i] for i in model.index(names)])
-    point = site or experiment.load_site
-    if not experiment.plans_positions:
-        tip = replace(model, tip=point, markers=(point,), marker_names=("load point",))
-        return tip.sensitivity(poses, names=names)[:, 0] * size
-    x, marker_names = start_values(experiment, names), (*model.marker_names, "load point")
-    tip = replace(model, tip=point, markers=(*model.markers, point), marker_names=marker_names)
-    sensors = model.names_of(Sensor)  # of markers and the instrument, which move no tip
-    size = size * [name not in sensors for name in names]
-    return tip.position_sensitivity(poses, x, names=names, loaded=True)[:, -1] * size
-
-
 def taken_information(experiment: Experiment, taken: Plan | Readings, names: Sequence[str], samples: Array) -> Array:
     """Information (S, p, p) of readings already taken, or of the poses of a plan."""
     if isinstance(taken, Plan):
@@ -453,13 +422,14 @@ def _among(plan: Plan, other: Plan) -> npt.NDArray[np.bool_]:
     return ((named & (gap <= _NEAR)) | (placed & (gap <= _SAME))).any(axis=1)
 
 
-def joint_sd(experiment: Experiment, taken: Sequence[Plan | Readings]) -> Array:
-    """Standard deviations (p,) that plans and readings promise together, SI; inf where they cannot tell a parameter."""
-    names = experiment.fit_names()
-    nominal = experiment.model().nominal[None]
+def joint_sd(experiment: Experiment, taken: Sequence[Plan | Readings], *, free: bool = False) -> Array:
+    """Standard deviations (p,) that plans and readings predict together, SI; inf where they cannot tell a parameter."""
+    names, model = experiment.fit_names(), experiment.model()
+    nominal, before = model.nominal[None], known_before(model, names, free)
     M = sum((taken_information(experiment, one, names, nominal)[0] for one in taken), np.zeros((len(names),) * 2))
     if experiment.plans_positions:
-        return sd_of_taken(experiment.model(), root(M).T, names)
+        return sd_after(model, root(M).T, names, free)
+    M = M + np.diag(before**2)
     size = np.sqrt(np.where(np.diag(M) > 0, np.diag(M), 1.0))
     values, vectors = np.linalg.eigh(M / np.outer(size, size))
     lost = values <= 1e-12 * values[-1]

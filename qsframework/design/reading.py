@@ -161,6 +161,13 @@ class CandidateReading:
             require_position_noise(self.experiment, stations)
 
 
+def unknown_frames(experiment: Experiment) -> list[str]:
+    """The stations in whose frame positions are read and nobody knows the base."""
+    known = {frame.series for frame in experiment.frames}
+    stations = experiment.stations or (Station(),)
+    return [s.name for s in stations if s.name not in known] if experiment.plans_positions else []
+
+
 def _less_shared(white: Array, shared: Array) -> Array:
     """Rows (m, S, K, 3, P), whitened by the markers' own errors, whitened also by the error that all markers of a visit
     share, which is `shared` U (m, K, 3, 3) of those: (I + U U')^-1/2 = I - U V f V' U', U'U = V g V',

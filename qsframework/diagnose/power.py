@@ -110,7 +110,7 @@ def forecast(
         raise InputError(f"{experiment.path}: a forecast needs the noise, for example noise: {{sigma_mm: 0.03}}")
     fitted = experiment.fit_names()
     if isinstance(plan, Plan) and stands:  # what a frame that nobody knows leaves to the geometry is held
-        sds = predicted_sd(experiment, plan)
+        sds = predicted_sd(experiment, plan, free=True)
         fitted = tuple(name for name, sd in zip(fitted, sds, strict=True) if np.isfinite(sd))
     tell("causes", 0, 2)
     causes, untested = find_causes(experiment, fitted, poses)

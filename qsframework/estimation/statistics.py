@@ -19,8 +19,16 @@ from qsframework.estimation.tails import chi2_isf, f_isf
 from qsframework.files import FileRecord, null
 from qsframework.plugin import Array
 
+HALF = 0.5
+"""Share of a variance that is left, from which a direction counts as identified."""
 _STEPS = 60
 _CLOSE = 1e-6
+
+
+def identified_directions(covariance: Array, sd: Array) -> int:
+    """In how many directions readings removed half or more of the variance of what was known before to sds (p,), by
+    the covariance (p, p) after them."""
+    return int((np.linalg.eigvalsh(covariance / np.outer(sd, sd)) <= HALF).sum())
 
 
 def propagated(solution: Solution, columns: Array) -> Array:

@@ -45,7 +45,8 @@ class PlanCertificate(FileRecord):
     value is the criterion of the plan, relaxed_value that of the relaxed design with as many poses;
     relaxed_efficiency bounds the relaxed design, efficiency the plan, against the best design over the
     candidates; polished_from is the plan's efficiency before its angles left the candidates (it may then
-    pass 1); notes are what the user should know about the criterion
+    pass 1); of criterion I, value_in_base is that of the tip in the base frame, where value is of that after the best
+    frame and tool, and value_before the criterion before the plan; notes are what the user should know about it
     """
 
     criterion: str
@@ -58,6 +59,8 @@ class PlanCertificate(FileRecord):
     parameters: tuple[str, ...]
     solver: str = ""
     polished_from: float | None = None
+    value_in_base: float | None = None
+    value_before: float | None = None
     notes: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:

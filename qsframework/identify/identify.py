@@ -472,7 +472,7 @@ def _advice(
     readings = rows.readings
     poses = readings.poses.take(rows.plus)
     placed = model.names_of(Geometry) if readings.is_position[rows.keep].any() else set[str]()
-    silent = [e.name for e in left if np.isinf(e.sd) and not e.correlated_with and e.name not in placed]
+    silent = [e.name for e in left if not e.correlated_with and e.name not in placed]
     badly = [e for e in estimates if e.state is EstimateState.NOT_IDENTIFIABLE and e.name in {*model.names} - placed]
     whole = {n: e.name for e, own in zip(model.effects, model.slices, strict=True) if e.whole for n in model.names[own]}
     said = (

@@ -16,6 +16,7 @@ from qsframework.arguments import checked
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError, Problem
 from qsframework.estimation import FitOptions, Interval
+from qsframework.estimation.statistics import identified_directions
 from qsframework.estimation.tails import chi2_sf, normal_sf, t_isf
 from qsframework.experiment import Experiment, Frame, Readings
 from qsframework.experiment.account import Account
@@ -41,8 +42,6 @@ from qsframework.plausible import allowed, beyond
 from qsframework.plugin import Array
 from qsframework.plugin.registry import replaced
 
-HALF = 0.5
-"""Share of a variance that is left, from which a direction counts as told."""
 HIGH_CORRELATION = 0.9
 COVERAGE = 2.0
 """k of an expanded uncertainty of a known noise, for 95.45 %."""
@@ -180,8 +179,7 @@ class FitRecord(FileRecord):
         how many there are."""
         own = [i for i, e in enumerate(self.estimates) if e.share is not None]
         sd = np.array([self.estimates[i].prior_sd for i in own], dtype=float)
-        left = np.linalg.eigvalsh(self.covariance[np.ix_(own, own)] / np.outer(sd, sd))
-        return int((left <= HALF).sum()), len(own)
+        return identified_directions(self.covariance[np.ix_(own, own)], sd), len(own)
 
     @property
     def masked(self) -> tuple[int, ...]:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated
 
 import numpy as np
 
 from qsframework.elastostatics import Model
-from qsframework.files import FileRecord, null
+from qsframework.files import FileRecord
 from qsframework.plugin import Array, Geometry, Sensor, Spring
 
 REDUNDANT = 1e-5
@@ -19,35 +17,27 @@ _NOTHING = 1e-6
 """Scaled size of a column below which readings tell nothing of its parameter, not even a million natural sizes."""
 _SHARE = 0.2
 _NAMED = 5
-_TOLD = 10.0
-"""Natural sizes: a parameter of the geometry whose sd is larger than so many is held at nominal; markers never are."""
 
 
 @dataclass(frozen=True)
 class NotEstimated(FileRecord):
-    """A parameter that is not estimated; `sd` in its natural sizes if it were, inf where it makes no difference."""
+    """A parameter that is not estimated, and those that make up what readings show of it."""
 
     name: str
     correlated_with: tuple[str, ...]
-    sd: Annotated[float, null(math.inf)]
 
     def words(self) -> str:
         """Why, in one sentence."""
-        if not self.correlated_with and np.isinf(self.sd):
+        if not self.correlated_with:
             return f"{self.name}: no reading depends on it"
-        others = ", ".join(self.correlated_with)
-        if np.isinf(self.sd):
-            return f"{self.name}: confounded with {others}"
-        told = f"{self.name}: identifiable only to {self.sd:.2g} times its typical size"
-        return f"{told}; correlated with {others}" if others else told
+        return f"{self.name}: confounded with {', '.join(self.correlated_with)}"
 
 
-def choose(rows: Array, names: Sequence[str], limits: Array) -> tuple[list[int], tuple[NotEstimated, ...]]:
+def choose(rows: Array, names: Sequence[str]) -> tuple[list[int], tuple[NotEstimated, ...]]:
     """Take columns of rows (m, p), whitened and scaled by natural sizes, in their order.
 
-    A column is not taken where those taken before leave less than REDUNDANT of it, or where its
-    parameter would be told only to more than `limits` (p,) of its natural sizes; beyond a million of them it is not
-    told at all.
+    A column is not taken where those taken before leave less than REDUNDANT of it, or where its sd would be above a
+    million natural sizes.
     """
     R: Array = np.asarray(np.linalg.qr(rows, mode="r")) if len(rows) > rows.shape[1] else rows
     basis = np.zeros((len(R), 0))
@@ -59,14 +49,12 @@ def choose(rows: Array, names: Sequence[str], limits: Array) -> tuple[list[int],
         fresh = column - basis @ (basis.T @ column)
         fresh -= basis @ (basis.T @ fresh)
         new = float(np.linalg.norm(fresh))
-        redundant = new <= REDUNDANT * size or size <= 1e-12 * largest
-        if not redundant and new >= _NOTHING and new * limits[c] >= 1.0:
+        if new > REDUNDANT * size and size > 1e-12 * largest and new >= _NOTHING:
             taken.append(c)
             basis = np.column_stack([basis, fresh / new])
             continue
-        sd = np.inf if redundant or new < _NOTHING else 1.0 / new
         seen = size > max(_NOTHING, 1e-12 * largest)
-        left.append(NotEstimated(names[c], _absorbers(R, basis, taken, column, names) if seen else (), sd))
+        left.append(NotEstimated(names[c], _absorbers(R, basis, taken, column, names) if seen else ()))
     return taken, tuple(left)
 
 
@@ -92,9 +80,3 @@ def in_order(model: Model, names: Sequence[str]) -> list[str]:
         rank |= dict.fromkeys(model.names[part], place)
     wanted = set(names)
     return sorted((n for n in model.names if n in wanted), key=lambda n: rank[n])
-
-
-def limits_of(model: Model, names: Sequence[str]) -> Array:
-    """How many natural sizes a parameter (p,) may be uncertain by before it is held at nominal."""
-    geometry = model.names_of(Geometry)
-    return np.array([_TOLD if n in geometry else np.inf for n in names])

@@ -27,7 +27,7 @@ def identifiable_names(
         rows, names = _tied_columns(rows, names, o, scale, options)
     before = {p.name for p, own in zip(o.parameters, held, strict=True) if own}
     open_ = [i for i, name in enumerate(names) if name not in before]
-    taken, left = choose(rows[:, open_], [names[i] for i in open_], np.full(len(open_), np.inf))
+    taken, left = choose(rows[:, open_], [names[i] for i in open_])
     chosen = before | {names[open_[i]] for i in taken}
     chosen |= {n for g in options.tied if g[0] in chosen for n in g}
     return [n for n in seen.names if n in chosen], left

@@ -8,13 +8,15 @@ import numpy as np
 
 from qsframework.elastostatics import Model
 from qsframework.estimation import left, orthonormal, rank_test, scales
+from qsframework.estimation.statistics import identified_directions
 from qsframework.experiment import Experiment, Plan, Readings, make_rows
 from qsframework.experiment.frames import motion_count
 from qsframework.experiment.observations import start_values
+from qsframework.experiment.prior import priors_of
 from qsframework.experiment.readings import UNSTATED
 from qsframework.experiment.simulate import planned_readings
 from qsframework.experiment.stations import station_frame
-from qsframework.information.identifiable import choose, in_order, limits_of
+from qsframework.information.identifiable import REDUNDANT, choose, in_order
 from qsframework.plugin import Array, Poses
 
 
@@ -85,28 +87,61 @@ def plan_columns(experiment: Experiment, plan: Plan, names: Sequence[str], x: Ar
     return readings_columns(experiment, planned_readings(experiment, plan, start), names, start, frames=False)
 
 
-def sd_of_taken(model: Model, columns: Array, names: Sequence[str]) -> Array:
+def known_before(model: Model, names: Sequence[str], free: bool = False) -> Array:
+    """How sharply each parameter (p,) is known before any reading: its scale over its sd; 0 of those of which nothing
+    is known, and of all where what is known is not to count."""
+    index = model.index(names)
+    return scales([model.parameters[i] for i in index]) / (np.inf if free else priors_of(model).sd[index])
+
+
+def covariance_after(model: Model, columns: Array, names: Sequence[str], free: bool = False) -> tuple[list[int], Array]:
+    """What a fit takes of whitened scaled columns (m, p) beside what is known before: the places (k,) of its
+    parameters among the names, and a root (k, k) of their scaled covariance B B'."""
+    before = known_before(model, names, free)
+    told = np.flatnonzero(before)
+    open_ = [n for n in in_order(model, names) if not before[list(names).index(n)]]
+    place = [list(names).index(n) for n in open_]
+    own = [*(place[i] for i in choose(columns[:, place], open_)[0]), *told.tolist()]
+    rows = np.concatenate([columns, np.diag(before)[told]])[:, own]
+    size = np.linalg.norm(rows, axis=0)
+    return own, np.linalg.inv(np.linalg.qr(rows / size, mode="r")) / size[:, None]
+
+
+def sd_after(model: Model, columns: Array, names: Sequence[str], free: bool = False) -> Array:
     """Standard deviation (p,), SI, of what a fit takes of whitened scaled columns (m, p); inf of what it holds."""
-    ordered = in_order(model, names)
-    place = [list(names).index(name) for name in ordered]
-    taken, _ = choose(columns[:, place], ordered, limits_of(model, ordered))
     out = np.full(len(names), np.inf)
-    if taken:
-        own = [place[i] for i in taken]
-        size = np.linalg.norm(columns[:, own], axis=0)
-        inverse = np.linalg.inv(np.linalg.qr(columns[:, own] / size, mode="r"))
-        out[own] = np.linalg.norm(inverse, axis=1) / size
+    own, half = covariance_after(model, columns, names, free)
+    out[own] = np.linalg.norm(half, axis=1)
     return out * scales([model.parameters[i] for i in model.index(names)])
 
 
+def identified_by(experiment: Experiment, plan: Plan) -> tuple[int, int]:
+    """In how many directions of the fitted parameters a plan tells more than is known before, and how many there are:
+    one of each parameter of which nothing is known."""
+    model, names = experiment.model(), experiment.fit_names()
+    own, half = covariance_after(model, plan_columns(experiment, plan, names), names)
+    before = known_before(model, names)[own]
+    known = np.flatnonzero(before)
+    told = identified_directions((half @ half.T)[np.ix_(known, known)], 1.0 / before[known])
+    return len(own) - len(known) + told, len(names)
+
+
 def predicted_beyond(experiment: Experiment, plan: Plan) -> dict[str, float]:
-    """For each parameter of the model that is not fitted: the sd, SI, were it fitted too; inf if it cannot be told."""
-    fitted = experiment.fit_names()
-    others = [name for name in experiment.model().names if name not in fitted]
-    return {name: float(predicted_sd(experiment, plan, (*fitted, name))[-1]) for name in others}
+    """For each parameter of the model that is not fitted: the sd, SI, that readings would tell it to, were it fitted
+    too; inf where they tell nothing of it."""
+    model, fitted = experiment.model(), experiment.fit_names()
+    others = [name for name in model.names if name not in fitted]
+    after = np.array([predicted_sd(experiment, plan, (*fitted, name))[-1] for name in others])
+    before = priors_of(model).sd[model.index(others)]
+    share = np.divide(after, before, out=np.zeros(len(others)), where=np.isfinite(before))
+    told = np.maximum(1.0 - share**2, 0.0)
+    alone = np.divide(after, np.sqrt(told), out=np.full(len(others), np.inf), where=told > REDUNDANT)
+    return dict(zip(others, alone.tolist(), strict=True))
 
 
-def predicted_sd(experiment: Experiment, plan: Plan, names: Sequence[str] | None = None) -> Array:
-    """Standard deviation (p,) that a plan predicts for the experiment's parameters, SI."""
+def predicted_sd(
+    experiment: Experiment, plan: Plan, names: Sequence[str] | None = None, *, free: bool = False
+) -> Array:
+    """Standard deviation (p,) that a plan predicts for the experiment's parameters, SI; free: by its readings alone."""
     names = experiment.fit_names() if names is None else names
-    return sd_of_taken(experiment.model(), plan_columns(experiment, plan, names), names)
+    return sd_after(experiment.model(), plan_columns(experiment, plan, names), names, free)

@@ -25,7 +25,6 @@ from qsframework.report.numbers import MATRIX
 from qsframework.report.words.fit import STATES, alignment_words, first_words, listed_names, verdict_words
 from qsframework.report.words.noise import SOURCE
 from qsframework.report.words.sizes import (
-    number,
     shown_number,
     shown_with_sd,
     stiffness_words,
@@ -203,19 +202,8 @@ def point_table(fit: Fit) -> ReportTable:
 
 def not_estimated_table(fit: Fit) -> ReportTable:
     """Parameters that were requested and that these readings cannot identify."""
-    rows = tuple(
-        (
-            entry.name,
-            listed_names(entry.correlated_with) or "no effect",
-            number(entry.sd, ".2g"),
-        )
-        for entry in fit.not_estimated
-    )
-    note = (
-        "Requested but not identifiable; kept at nominal. sd: if also estimated, in units of its typical value; -: no "
-        "information."
-    )
-    return ReportTable(("not estimated", "correlated with", "sd"), rows, note)
+    rows = tuple((e.name, listed_names(e.correlated_with) or "no effect") for e in fit.not_estimated)
+    return ReportTable(("not estimated", "confounded with"), rows, "Requested but not identifiable; kept at nominal.")
 
 
 def fit_section(fit: Fit, title: str, truth: dict[str, float] | None = None) -> Section:

@@ -69,9 +69,9 @@ def predicted_table(predicted: Sequence[PredictedUncertainty]) -> ReportTable:
 
 
 def sd_words(sd: float, p: Parameter | PredictedUncertainty) -> str:
-    """A predicted sd in the unit of its parameter, and its share of the nominal value."""
+    """A predicted sd in the unit of its parameter, and its share of the nominal value; NaN: there is none."""
     if not np.isfinite(sd):
-        return "not identifiable"
+        return "-" if np.isnan(sd) else "not identifiable"
     share = f" ({100 * sd / abs(p.nominal):.1f} %)" if p.nominal else ""
     return shown_number(sd, p.unit, 3) + share
 

@@ -11,18 +11,22 @@ import pytest
 
 from qsframework.design import DesignOptions, design, generate_candidates
 from qsframework.design.catalogue import find_criterion
-from qsframework.design.problem import make_problem, tip_rows
+from qsframework.design.problem import make_problem
+from qsframework.design.tip import tip_rows
 from qsframework.experiment import Experiment, PlanCertificate
 from qsframework.information import information
+from qsframework.information.sensitivities import known_before
 from tests.calibration.small_arm import SPRINGS, small_arm
 
 FIT = tuple(f"joint_compliance[joint_{k}]" for k in (1, 2, 3))
+KNOWN = (*FIT[:2], "gravity_compensator[joint_2].lc")
+"""The last is known before any reading, as arms are delivered."""
 POSES, COUNT = 7, 4
 
 
-def small(experiment: Experiment, *changes: dict[str, object]) -> Experiment:
+def small(experiment: Experiment, *changes: dict[str, object], fit: tuple[str, ...] = FIT) -> Experiment:
     loads = tuple(replace(load, **change) for load, change in zip(experiment.loads, changes, strict=True))  # type: ignore[arg-type]
-    return experiment.with_(fit=FIT, loads=loads, markers=experiment.markers[:1])
+    return experiment.with_(fit=fit, loads=loads, markers=experiment.markers[:1])
 
 
 ASKED = {
@@ -31,7 +35,7 @@ ASKED = {
     "free": ({"poses": None}, {"poses": None}, {}),
     "repeats": ({"poses": None}, {"poses": None}, {"repeats": True}),
     "budget": ({"poses": None}, {"poses": None, "cost": 2.5}, {"budget": 7.0}),
-    "prior": ({"poses": None}, {"poses": None}, {"prior": True}),
+    "known": ({"poses": None}, {"poses": None}, {"fit": KNOWN}),
 }
 
 
@@ -39,15 +43,18 @@ ASKED = {
 @pytest.mark.parametrize("case", ASKED)
 def test_no_plan_beats_the_bound(m900ib: Experiment, case: str, criterion: str) -> None:
     first, second, more = ASKED[case]
-    experiment = small(m900ib, first, second)
+    fit = more.get("fit", FIT)
+    more = {key: value for key, value in more.items() if key != "fit"}
+    experiment = small(m900ib, first, second, fit=fit)
     candidates = generate_candidates(experiment, POSES, seed=3)
     options = DesignOptions(criterion=criterion, polish=False, efficiency=0.999, **more)  # type: ignore[arg-type]
     certificate = design(experiment, COUNT, candidates=candidates, options=options).certificate
     assert certificate is not None
     problem = make_problem(experiment, candidates, options.budget or COUNT, budget=options.budget is not None)
     M = information(problem.rows.take(np.arange(2 * POSES))[:, 0])
-    rule = find_criterion(criterion, (), 3, tip_rows(experiment, None, candidates.pendant, FIT))
-    before = np.eye(3) if options.prior else np.zeros((3, 3))
+    rule = find_criterion(criterion, (), 3, tip_rows(experiment, None, candidates.pendant, fit))
+    before = np.diag(known_before(experiment.model(), fit) ** 2)
+    assert before.any() == (case == "known")
     values = [float(rule.value(before + M[list(plan)].sum(axis=0))) for plan in plans(experiment, options)]
     best = min(values)
     assert certificate.relaxed_value * certificate.relaxed_efficiency <= best * (1 + 1e-9)

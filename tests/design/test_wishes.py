@@ -19,7 +19,8 @@ from qsframework.design import (
     read_candidates,
 )
 from qsframework.design.candidates import folds
-from qsframework.design.problem import counted_once, draw_samples, make_problem, sample_rows, tip_rows
+from qsframework.design.problem import counted_once, draw_samples, make_problem, sample_rows
+from qsframework.design.tip import tip_rows
 from qsframework.errors import InputError, NotCertified, NotIdentifiable
 from qsframework.estimation import FitOptions, scales
 from qsframework.experiment import Experiment, Plan, PlanCertificate, example, read_plan, simulate, write_plan
@@ -165,7 +166,6 @@ def test_what_was_taken_counts(m900ib: Experiment) -> None:
     assert np.allclose(joint_sd(m900ib, [readings]), predicted_sd(m900ib, first), rtol=1e-9)
     with pytest.raises(NotIdentifiable, match="joint_1"):
         design(weight, 4, "D", 200)
-    design(weight, 4, "D", 200, options=DesignOptions(criterion="D", prior=True))  # the stated sds know joint 1
 
 
 def test_a_pose_that_was_read_counts_once(m900ib: Experiment) -> None:

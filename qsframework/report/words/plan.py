@@ -7,6 +7,7 @@ import numpy as np
 from qsframework.design.need import Needed
 from qsframework.experiment import Experiment, Plan
 from qsframework.experiment.plan import PlanCertificate
+from qsframework.information.sensitivities import identified_by
 from qsframework.plugin import Array
 from qsframework.report.blocks import Mark, Verdict
 
@@ -41,29 +42,41 @@ def _chosen(c: PlanCertificate) -> float:
     return c.efficiency if c.polished_from is None else c.polished_from
 
 
-def tip_size(plan: Plan) -> float | None:
-    """How well the criterion says that the tip is known after compensation, m; None of other criteria."""
+def tip_sizes(plan: Plan) -> list[str]:
+    """How well criterion I says that the tip is known after compensation, and before, mm, in words; none of others."""
     c = plan.certificate
-    return None if c is None or c.criterion not in ("I", "G") else float(np.sqrt(c.value))
+    if c is None or c.criterion != "I":
+        return []
+    said = [f"{1e3 * np.sqrt(c.value):.3f} mm"]
+    if c.value_in_base is not None:
+        said[0] += f" after the best frame and tool ({1e3 * np.sqrt(c.value_in_base):.2f} mm in the base frame)"
+    return said if c.value_before is None else [*said, f"{1e3 * np.sqrt(c.value_before):.3g} mm before"]
 
 
 def tip_words(plan: Plan) -> list[str]:
-    """What the criterion I or G says in millimetres."""
-    size = tip_size(plan)
-    if size is None:
-        return []
-    which = "root mean square" if plan.criterion == "I" else "largest"
-    return [
-        f"After compensation with a fit of this plan the tip is known to {1e3 * size:.4f} mm ({which} over the test "
-        "poses)"
-    ]
+    """What the criterion I says in millimetres, and what the readings leave to the frame and the tool."""
+    sizes, c = tip_sizes(plan), plan.certificate
+    said = (
+        [
+            f"After compensation with a fit of this plan the tip is known to {', '.join(sizes)}: the root mean square "
+            "over the test poses."
+        ]
+        if sizes
+        else []
+    )
+    if c is not None and c.value_in_base is not None:
+        said.append(
+            "What turns or shifts the whole arm, or its tool, is absorbed by the frame and the tool that the readings "
+            "give: in the base frame the tip is known better only where these are stated (`frames:`, nests)."
+        )
+    return said
 
 
 def need_words(found: Needed) -> list[str]:
     """Whether a plan reaches the accuracy that was asked for, and what limits it where it does not."""
     count, asked = int(sum(found.plan.repeats)), f"{1e3 * found.accuracy:.3g} mm"
     reached = f"{1e3 * found.reached.max():.3f} mm (k = 2, at point {found.worst + 1})"
-    frame = "Positions are meant in the base frame that the parameters held at nominal define."
+    frame = "Positions are meant after the frame and the tool that suit best, where nobody states these."
     if found.enough:
         fewest = f"; over the candidates no plan of fewer than {found.least} poses is allowed and does"
         return [f"{count} poses reach {reached}, {asked} was asked for{fewest}. {frame}"]
@@ -84,7 +97,7 @@ def plan_verdict(experiment: Experiment, plan: Plan, sds: Array, enough: bool = 
 
     sds (p,): predicted for the fitted parameters; enough: whether it reaches an accuracy that was asked for, if any
     """
-    parameters, c, tip = experiment.fit_parameters(), plan.certificate, tip_size(plan)
+    parameters, c, tip = experiment.fit_parameters(), plan.certificate, tip_sizes(plan)
     lost = [p.name for p, sd in zip(parameters, sds, strict=True) if not np.isfinite(sd)]
     held = 0
     if c is not None and plan.of_positions.any():  # a frame that nobody knows leaves some of the geometry to it
@@ -94,8 +107,11 @@ def plan_verdict(experiment: Experiment, plan: Plan, sds: Array, enough: bool = 
     faint = sum(1 for share in shares if share > 1.0)
     near = float(np.ptp(plan.pendant, axis=0).max(initial=0.0))
     mark, word, outcome = Mark.GOOD, "Plan ready", f"identify all {len(sds)} parameters"
+    told, asked = identified_by(experiment, plan)
+    if told < asked:
+        outcome = f"identify {told} of {asked} directions"
     if held:
-        outcome = f"identify {len(sds) - held} parameters, {held} are held at nominal"
+        outcome += f", {held} {'is' if held == 1 else 'are'} held at nominal"
     if lost:
         mark, word = Mark.BAD, "Plan does not identify all parameters"
         outcome = f"identify {len(sds) - len(lost)} of {len(sds)} parameters, not {', '.join(lost[:3])}"
@@ -108,9 +124,9 @@ def plan_verdict(experiment: Experiment, plan: Plan, sds: Array, enough: bool = 
         mark, word = Mark.BAD, "Accuracy not reached"
     said = [f"{len(plan.pose)} poses {outcome}"]
     numbers = [(str(len(plan.pose)), "poses")]
-    if tip is not None:
-        said.append(f"predicted tip uncertainty after calibration: {1e3 * tip:.3f} mm")
-        numbers.append((f"{1e3 * tip:.3f} mm", "tip after compensation"))
+    if tip:
+        said.append(f"predicted tip uncertainty after calibration: {', '.join(tip)}")
+        numbers.append((" ".join(tip[0].split()[:2]), "tip after compensation"))
     if c is not None:
         percent = f"{np.floor(1e3 * _chosen(c)) / 10:.1f} %"  # never rounded up
         said.append(f"at least {percent} of the best possible over {c.candidates} candidates")
