@@ -140,7 +140,7 @@ def experiment_lines(experiment: Experiment, readings: Readings) -> list[Line]:
     lines: list[Line] = [(c.good, c.kind, c.words) for c in check_states(experiment, readings)]
     lines += [(None, "reads", said) for said in readings.about_reads]
     told = [c for c in find_mistakes(experiment, readings) if c.told]
-    lines += [(None if c.name in STAND_OUT else False, c.title, c.words) for c in told]
+    lines += [(None if c.name in STAND_OUT or not c.stops else False, c.title, c.words) for c in told]
     try:
         fit = identify(experiment, readings)
     except QsfError as error:

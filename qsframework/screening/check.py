@@ -23,7 +23,8 @@ from qsframework.hypotheses.linearized import Linearized, at_solution, linearize
 from qsframework.hypotheses.outliers import find_outliers, told_outliers
 from qsframework.hypotheses.standing_out import Standing, stand_out
 from qsframework.plugin import Indices
-from qsframework.screening.conventions import overloads, single_rows, suspicions, whole_table
+from qsframework.screening.common_scale import wrong_scale
+from qsframework.screening.conventions import overloads, single_rows, whole_table
 from qsframework.screening.mistake import Mistake
 
 _MOST = 6
@@ -70,12 +71,11 @@ def find_mistakes(
         given = linearized(experiment, readings)
     except _UNIDENTIFIABLE:
         return tuple(found)
-    units = suspicions(given)
     proved, rest, given = _proved(given)
     others = [replace(c, compelling=False) for c in rest]
     more = _gross(given.experiment, given.readings, level) if gross else []
     told = [_told(one, given.experiment, given.readings, False) for one in more]
-    return (*found, *proved, *others, *units, *overloads(given), *told)
+    return (*found, *proved, *others, *wrong_scale(given), *overloads(given), *told)
 
 
 def find_slips(experiment: Experiment, readings: Readings) -> tuple[Mistake, ...]:

@@ -10,8 +10,8 @@ from qsframework.hypotheses.hypothesis import Hypothesis
 
 _MENDS = {
     "load_unit": (
-        "Correct the unit in the table's header; where the loads are right, so are the compliances: make them the "
-        "robot's nominal values (nominal.yaml, which `qsf identify` writes)."
+        "Correct the unit in the table's header, or the loads; where they are right, so are the compliances: make them "
+        "the robot's nominal values (nominal.yaml, which `qsf identify` writes)."
     ),
     "load_payload": "Correct the forces, or payload_kg in robot.yaml.",
 }
@@ -41,6 +41,7 @@ class Mistake(Hypothesis):
     evidence: log of how much likelier it makes the readings, the number of alternatives counted; NaN likewise
     below: compliances that the fit puts below their bounds
     moved: the parameters that change most with it
+    stops: whether what uses a fit stops there, or notes it
 
     Only a compelling one is to be believed; a `load_unit` never is, because the compliances absorb it.
     """
@@ -51,6 +52,7 @@ class Mistake(Hypothesis):
     below: int = 0
     compelling: bool = False
     moved: tuple[Moved, ...] = ()
+    stops: bool = True
 
     @property
     def finding(self) -> Finding:
@@ -58,7 +60,13 @@ class Mistake(Hypothesis):
         kind = self.name.partition("[")[0]
         by_rows = _ROWS if self.mask is not None else _TABLE
         return Finding(
-            self.name, self.words, _MENDS.get(kind, by_rows), self.file or self.column, self.rows, self.evidence
+            self.name,
+            self.words,
+            _MENDS.get(kind, by_rows),
+            place=self.file or self.column,
+            rows=self.rows,
+            evidence=self.evidence,
+            stops=self.stops,
         )
 
     @property
