@@ -135,21 +135,19 @@ def experiment_lines(experiment: Experiment, readings: Readings) -> list[Line]:
     """What the readings say of themselves, and what is wrong with them."""
     from qsframework.applications.closure import check_states
     from qsframework.identify import identify
-    from qsframework.screening import STAND_OUT, find_mistakes
+    from qsframework.screening import FILES, STAND_OUT, find_mistakes
 
     lines: list[Line] = [(c.good, c.kind, c.words) for c in check_states(experiment, readings)]
     lines += [(None, "reads", said) for said in readings.about_reads]
-    told = [c for c in find_mistakes(experiment, readings) if c.told]
-    lines += [(None if c.name in STAND_OUT else False, c.title, c.words) for c in told]
+    told = [c for c in find_mistakes(experiment, readings) if c.told and c.file != FILES]
+    lines += [(None if c.name in STAND_OUT or not c.stops else False, c.title, c.words) for c in told]
     try:
         fit = identify(experiment, readings)
     except QsfError as error:
         return [*lines, (False, "fit", str(error))]
     named = {c.name for c in told}
     lines += [(None, "noise", said) for said in fit.about_noise]
-    return lines + [
-        (False, f.title, f.words) for f in fit.account.findings if f.name not in named and f.place != "robot"
-    ]
+    return lines + [(False, f.title, f.words) for f in fit.account.findings if f.name not in named and f.place != FILES]
 
 
 _MARK = {True: " ", False: "!", None: "?"}

@@ -84,6 +84,11 @@ class Account(FileRecord):
         return "position" if self.positions else "deflection under load"
 
     @property
+    def stopping(self) -> tuple[Finding, ...]:
+        """The findings at which what uses the fit stops."""
+        return tuple(found for found in self.findings if found.stops)
+
+    @property
     def hashes(self) -> tuple[str, ...]:
         """Of the files of readings."""
         return tuple(file.sha256 for file in self.files)

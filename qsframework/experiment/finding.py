@@ -7,7 +7,7 @@ diagnose begin with them and go on; whatever uses the fit stops.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Annotated
 
 from qsframework.files import FileRecord, null
@@ -20,14 +20,17 @@ class Finding(FileRecord):
     name: its kind, with its place in brackets where it has one; words: what was found, a clause; mend: what to do, a
     sentence; place: the file or the column, "" for the whole table; rows: lines of the file, none for all
     evidence: log of how much likelier the readings are with what was meant, NaN where no two fits were compared
+    stops: whether what uses the fit stops there, or notes it
     """
 
     name: str
     words: str
     mend: str
     place: str = ""
+    _: KW_ONLY
     rows: tuple[int, ...] = ()
     evidence: Annotated[float, null(math.nan)] = math.nan
+    stops: bool = True
 
     @property
     def title(self) -> str:

@@ -29,16 +29,20 @@ _BELOW = 2.0
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Estimates:
-    """Fitted parameters about their nominal values: x and sd (p,) in their scales, as no bound holds them; how many
-    compliances are then below theirs; white (m,): whitened residuals of the fit within all bounds, with dof degrees of
-    freedom; rms (m): of these residuals."""
+    """Fitted parameters about their nominal values: x (p,) and covariance (p, p) in their scales, as no bound holds
+    them; how many compliances are then below theirs; white (m,): whitened residuals of the fit within all bounds, with
+    dof degrees of freedom; rms (m): of these residuals."""
 
     x: Array
-    sd: Array
+    covariance: Array
     below: int
     white: Array
     dof: int
     rms: float
+
+    @property
+    def sd(self) -> Array:
+        return np.sqrt(np.diag(self.covariance))
 
     @property
     def chi2(self) -> float:
@@ -102,10 +106,11 @@ class Linearized:
         free = V.T @ (z / values)
         rest = target - U @ (values * (V @ _within(values[:, None] * V, z, free, low, high)))
         dof = len(target) - len(values) - frames.shape[1]
-        sd = np.sqrt(np.square(V.T / values).sum(axis=1) * (target @ target - z @ z) / dof)
+        C = (V.T / values**2) @ V * (target @ target - z @ z) / dof
+        sd = np.sqrt(np.diag(C))
         return Estimates(
             x=start + free,
-            sd=sd,
+            covariance=C,
             below=int((~np.isclose(sd, 0.0) & (free < low - _BELOW * sd)).sum()),
             white=rest,
             dof=dof,

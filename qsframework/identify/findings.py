@@ -11,8 +11,7 @@ from qsframework.experiment import Experiment, Readings
 from qsframework.experiment.finding import Finding
 from qsframework.identify.estimate import EstimateState
 from qsframework.identify.record import SIGNIFICANT, FitRecord
-from qsframework.robot.findings import robot_findings
-from qsframework.screening import STAND_OUT, find_mistakes
+from qsframework.screening import FILES, STAND_OUT, find_mistakes
 
 TOO_SMALL, TOO_LARGE = 1.0 / 3.0, 3.0
 """Times the stated noise: a tracker's own statement of its noise is no further off."""
@@ -31,19 +30,8 @@ def findings_of(fit: FitRecord, experiment: Experiment, readings: Readings) -> t
     """
     mistakes = [one for one in find_mistakes(experiment, readings) if one.told and one.name not in STAND_OUT]
     table = [one.finding for one in mistakes if not (fit.options.keep_all and one.mask is not None)]
-    size = () if any(one.mask is None for one in mistakes) else (*_of_noise(fit), *_of_estimates(fit))
-    return (*table, *_of_files(fit, experiment), *size)
-
-
-def _of_files(fit: FitRecord, experiment: Experiment) -> Iterator[Finding]:
-    """Values of the robot's files that cannot be and that the fit did not replace."""
-    model = experiment.model()
-    replaced = {
-        e.name for e, own in zip(model.effects, model.slices, strict=True) if {*model.names[own]} & {*fit.names}
-    }
-    for found in robot_findings(experiment.robot):
-        if found.name not in replaced and found.name not in fit.names:
-            yield Finding(found.name, found.words, "Correct the robot's files.", "robot")
+    whole = any(one.mask is None and one.file != FILES for one in mistakes)
+    return tuple(table) if whole else (*table, *_of_noise(fit), *_of_estimates(fit))
 
 
 def _of_noise(fit: FitRecord) -> Iterator[Finding]:

@@ -45,9 +45,8 @@ def held_at_nominal(
 
 
 def _sds(model: Model, priors: Priors, x: Array) -> list[float]:
-    """sds (q,) of values at nominal, NaN where nothing is known: of springs that are not fitted, too. What is fitted
-    only by its own name counts where its sd is stated."""
-    stated = np.array([p.sd or (None if p.by_name else p.nominal_sd) or math.nan for p in model.parameters])
-    own = np.isfinite(priors.sd) & ~np.array([p.by_name for p in model.parameters], dtype=bool)
-    known = np.where(own, priors.sd, stated)
+    """sds (q,) of values at nominal, NaN where nothing is known: of springs that are not fitted, and of what is fitted
+    only by its own name, such as a balancer's pivots, too."""
+    declared = np.array([p.sd or p.nominal_sd or math.nan for p in model.parameters])
+    known = np.where(np.isfinite(priors.sd), priors.sd, declared)
     return np.where(x == model.nominal, known, math.nan).tolist()

@@ -30,6 +30,7 @@ _CORRELATION = 1e-6
 _NEAR = 0.05
 """sds by which an estimate may differ when it is fitted again."""
 _UNCHECKED = "that the fit explains its readings was not checked: {}"
+_ALTHOUGH = "the fit is used although "
 _SAME = 0.02
 """Relative difference of sizes of errors, and of correlations, when a fit is made again."""
 
@@ -80,7 +81,7 @@ def check_fit(
     check_robot(fit, robot)
     wrong = list(_contradictions(fit, robot, experiment))
     notes: list[str] = []
-    if not (wrong or fit.account.findings) and experiment is not None:
+    if not (wrong or fit.account.stopping) and experiment is not None:
         own, notes = own_readings(fit, experiment, readings)
         if isinstance(own, str):
             wrong.append(own)
@@ -91,20 +92,20 @@ def check_fit(
         hint = "Identify again, or diagnose its readings; it is used all the same only where that is asked for."
         problems[-1] = replace(problems[-1], hint=hint, argument=("anyway", ""))
     doubts = check_findings(fit, anyway=anyway, beside=problems)
-    return (*doubts, *(f"the fit is used although {why}" for why in wrong), *notes)
+    return (*doubts, *(f"{_ALTHOUGH}{why}" for why in wrong), *notes)
 
 
 def check_findings(fit: FitRecord, *, anyway: bool | None = False, beside: Sequence[Problem] = ()) -> tuple[str, ...]:
     """What was found wrong in a fit's readings and files, as notes.
 
-    Raises InputError with every finding and what to do, and the problems `beside` them, unless `anyway`; None: there is
-    no such way.
+    Raises InputError with every finding that stops and what to do, and the problems `beside` them, unless `anyway`;
+    None: there is no such way.
     """
     if not anyway:
         option = None if anyway is None else ("anyway", "")
-        lines = ((f"{f.title}: {f.words}", f.mend) for f in fit.account.findings)
+        lines = ((f"{f.title}: {f.words}", f.mend) for f in fit.account.stopping)
         refuse([*(Problem(words, fit.path or None, hint=mend, argument=option) for words, mend in lines), *beside])
-    return tuple(f"the fit is used although {f.title}: {f.words}" for f in fit.account.findings)
+    return tuple(f"{_ALTHOUGH * f.stops}{f.title}: {f.words}" for f in fit.account.findings)
 
 
 def _contradictions(fit: FitRecord, robot: Robot, experiment: Experiment | None) -> Iterator[str]:

@@ -21,7 +21,7 @@ from qsframework.report.words.forecast import foresight_words, size_words, why_w
 from qsframework.report.words.headline import headline
 from qsframework.report.words.law import place_words, variable_words
 from qsframework.report.words.next_steps import next_steps
-from qsframework.screening import SUSPECTED, Mistake
+from qsframework.screening import Mistake
 
 _RMS = ("nominal", "identified", "extended", "heldout_identified", "heldout_extended", "noise")
 
@@ -37,7 +37,7 @@ def diagnosis_json(found: Diagnosis, day: FollowUp | None = None) -> dict[str, A
             "next": [{"do": step.do, "settles": step.settles} for step in next_steps(found, day)],
             "causes": [_cause(f) for f in found.findings],
             "conventions": [c.name for c in found.conventions if c.compelling],
-            "mistakes": [_mistake(c) for c in found.conventions if c.compelling or c.name in SUSPECTED],
+            "mistakes": [_mistake(c) for c in found.conventions if c.compelling or c.suspected],
             "data_problems": _problems(found),
             "leftovers": [_law_json(x) for x in found.leftovers],
             "places": [

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from qsframework.errors import InputError
-from qsframework.plugin import Context, Loop, ParallelSpring, Poses, TorqueTerm
+from qsframework.plugin import Array, Context, Loop, ParallelSpring, Parameter, Poses, TensionTerm, TorqueTerm
 from qsframework.robot.agreement import kernel_statics, spread_poses
-from qsframework.robot.kinematics import joint_frames
+from qsframework.robot.kinematics import joint_frames, twists
 from qsframework.robot.robot import Robot
 from qsframework.robot.sight import depth
 from qsframework.robot.statics import GravityCheck
@@ -18,10 +18,16 @@ from qsframework.units import SLIDES, TURNS
 _BESIDE = 0.45
 """Of a lever's length: how far its pivot may stand outside what is drawn of its link; the shipped arms' do to 0.28."""
 
-_NATURAL, _STRONGER, _NOTHING, _WEAKER, _WIDER = (1e-4, 100.0), 1.5, 0.15, 0.05, 2.5
+_NATURAL, _WEAKER, _WIDER = (1e-4, 100.0), 0.05, 2.5
 """Shares beyond which values are unlikely: of a parameter's typical size (of the shipped arms 0.03 to 6.4); of the
-torque that there is to balance with the payload (of the shipped balancers 0.2 to 0.5, so that a tenfold one is seen)
-and of the links' alone (0.5 to 1.2, so that a tenth is seen); of the links' own torque; of the URDF's range (1)."""
+links' own torque, for an actuator; of the URDF's range (1)."""
+_NOTHING, _STRONGER = 0.15, 1.5
+"""Shares of gravity's torque at its joints beyond which a balancer is impossible: of the links' alone, below (of the
+shipped balancers 0.45 to 1.22, so that a tenth is seen), and of the links' with the payload at full reach, above (0.19
+to 0.46, so that a tenfold one is seen). The share of the links' torque that it takes off over the range, by least
+squares, is 0.41 to 1.30 of the shipped ones: below zero it pulls with the weight."""
+_ROUNDING = 1e-9
+"""Of a balancer's largest torque: what it exerts on joints that it does not span."""
 
 
 def robot_findings(robot: Robot) -> tuple[GravityCheck, ...]:
@@ -41,29 +47,59 @@ def _sizes(robot: Robot) -> Iterator[GravityCheck]:
 
 
 def _strengths(robot: Robot) -> Iterator[GravityCheck]:
-    """Balancers that exert far more than there is to balance or next to nothing of it, and actuators that bear far less
-    than the arm weighs."""
+    """Balancers that exert far more than there is to balance, next to nothing of it, or that pull with the weight, and
+    actuators that bear far less than the arm weighs."""
     facts, q = robot.facts, robot.controller.to_joints(spread_poses(robot.controller.lower, robot.controller.upper))
-    weight = np.abs(kernel_statics(robot, q).torque[: facts.n]).max(axis=1)
-    known = {p.name: p.nominal for p in robot.parameters}
+    gravity = kernel_statics(robot, q).torque[: facts.n]
+    weight = np.abs(gravity).max(axis=1)
     for spring in (e for e in robot.effects if isinstance(e, ParallelSpring)):
-        if not set(spring.joints(facts)) <= set(facts.joints):
-            continue  # it pulls at a bar of a loop
-        joints = [facts.joint_index(joint) for joint in spring.joints(facts)]
-        x = np.array([known[p.name] for p in spring.parameters(facts)])
-        term = spring.torque(q[:, joints], x, Context(facts, Poses(q, q, np.zeros((len(q), 6))), False))
-        value = np.zeros((len(q), 1)) if term is None else term.value if isinstance(term, TorqueTerm) else term
-        most = float(np.abs(value).max(initial=0.0))
-        links = float(weight[joints].max(initial=0.0))
+        torque = _exerted(robot, spring, q) if set(spring.joints(facts)) <= set(facts.joints) else np.zeros((0, 0))
+        most = float(np.abs(torque).max(initial=0.0))
+        if not (most and facts.masses.any()):
+            continue  # it pulls at a bar of a loop, or stands at no values; or the arm weighs nothing
+        joints = np.abs(torque).max(axis=1) > _ROUNDING * most
+        links = float(weight[joints].max())
         needed = links + facts.sizes.torque
-        if facts.masses.any() and (most > _STRONGER * needed or 0.0 < most < _NOTHING * links):
-            text = f"it exerts up to {most:.3g} N m; the links need {links:.3g} N m, with payload {needed:.3g} N m"
-            yield GravityCheck(spring.name, False, f"{text}: look at its lengths, pressure, area and stiffness")
+        relieves = float(np.sum(torque[joints] * gravity[joints])) < 0.0
+        if not relieves or most > _STRONGER * needed or most < _NOTHING * links:
+            values = ", ".join(_stated(p) for p in robot.parameters if p.name.startswith(f"{spring.name}."))
+            with_it = "" if relieves else " and pulls with the weight"
+            text = f"it exerts up to {most:.3g} N m{with_it}; gravity's torque there is {links:.3g} N m of the links"
+            yield GravityCheck(spring.name, False, f"{text}, {needed:.3g} N m with the payload: look at {values}")
     for k, limit in enumerate(robot.torque_limits if robot.torque_limits is not None else ()):
         if limit < _WEAKER * weight[k]:
             unit = (SLIDES if facts.slides(facts.joints[k]) else TURNS).load
             text = f"its actuator bears {limit:.3g} {unit}, but the links alone load it with {weight[k]:.3g} {unit}"
             yield GravityCheck(facts.joints[k], False, f"{text}: look at the unit; it is that behind the gear")
+
+
+def _exerted(robot: Robot, spring: ParallelSpring, q: Array) -> Array:
+    """The torque (n, N) on the joints, N m, of a balancer with its nominal values at joint angles q (N, n)."""
+    facts, placed = robot.facts, joint_frames(robot.facts, q)
+    known = {p.name: p.nominal for p in robot.parameters}
+    x = np.array([known[p.name] for p in spring.parameters(facts)])
+    context = Context(facts, Poses(q, q, np.zeros((len(q), 6))), False)
+    torque, ends = np.zeros((facts.n, len(q))), spring.ends(facts)
+    if ends is None:
+        joints = [facts.joint_index(joint) for joint in spring.joints(facts)]
+        term = spring.torque(q[:, joints], x, context)
+        if term is not None:
+            torque[joints] = (term.value if isinstance(term, TorqueTerm) else term).T
+        return torque
+    speed, apart = np.zeros((facts.n, 3, len(q))), np.zeros((3, len(q)))
+    for end, sign in zip(ends, (-1.0, 1.0), strict=True):
+        link, frame = facts.frame_of(end.link)
+        point = placed.point(link, (frame @ np.append(end.xyz, 1.0))[:3])
+        columns = twists(placed, link, point).linear[: facts.n]
+        apart += sign * point
+        speed[: len(columns)] += sign * columns
+    length = np.linalg.norm(apart, axis=0)
+    pull = spring.tension(length, x, context)
+    return -(pull.value if isinstance(pull, TensionTerm) else pull) * np.einsum("cn,ecn->en", apart / length, speed)
+
+
+def _stated(p: Parameter) -> str:
+    return f"{p.name.rpartition('.')[2]} {p.nominal:.4g} {p.unit}".rstrip()
 
 
 def _limits(robot: Robot) -> Iterator[GravityCheck]:

@@ -40,7 +40,7 @@ from qsframework.units import SLIDES, TURNS
 
 _TWIST_AT_EFFORT = 2.5e-3  # rad: the KUKA KR500 gives 2.1 to 3.6 mrad at its joints' largest torques
 _TWIST_AT_WEIGHT = 1.0e-3  # rad: the KUKA KR240/KR270 under its own weight and a tool
-_SLIDE, _WHY_SLIDE = 5e7, "assumed: 50 kN/mm, a rack and pinion with its gear"
+_SLIDE, _WHY_SLIDE = 5e7, "50 kN/mm, a rack and pinion with its gear"
 _TOOL_SHARE, _TOOL_REACH = 0.15, 0.1  # of the moving mass; of the reach, beyond the flange
 
 
@@ -170,7 +170,7 @@ def _told_following(following: dict[str, Mimic], led: Sequence[TelescopicColumn]
 def _stiffness(urdf: Urdf, moving: list[Joint], payload: float | None) -> list[NominalRow]:
     """From the largest torques if all are stated, else from what the links weigh."""
     if all(j.effort for j in moving) and len({j.effort for j in moving}) > 1:
-        why = "assumed: 2.5 mrad at the joint's largest torque in the URDF"
+        why = "2.5 mrad at the joint's largest torque in the URDF"
         turning = [j.effort / _TWIST_AT_EFFORT for j in moving]
     else:
         why, turning = _held_by_weight(urdf, moving, payload)
@@ -192,7 +192,7 @@ def _held_by_weight(urdf: Urdf, moving: list[Joint], payload: float | None) -> t
         moment = sum(m * (a + 0.5 * b) for m, a, b in zip(masses[k:], arms, lengths[k + 1 :], strict=True))
         moment += tool * (float(arms[-1]) + _TOOL_REACH * max(reach, 0.1))
         values.append(9.81 * moment / _TWIST_AT_WEIGHT)
-    return f"assumed: 1 mrad under the stretched arm's own weight and {load}", values
+    return f"1 mrad under the stretched arm's own weight and {load}", values
 
 
 def _rows(moving: list[Joint], led: Sequence[TelescopicColumn]) -> list[ControllerRow]:

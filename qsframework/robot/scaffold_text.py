@@ -15,6 +15,8 @@ ControllerRow = tuple[str, str, float, float, str]
 """Of `controller:`: joint, unit, lowest and highest value, and its `equals` ("" for none)."""
 NominalRow = tuple[str, bool, float, str]
 """Of nominal.yaml: joint, whether it slides, its assumed stiffness (N m/rad, N/m where it slides), and why that."""
+PROPOSED = "assumed by qsf new"
+"""How the source of a value begins that stands in nominal.yaml until somebody states one."""
 _WORDS = ("y", "n", "yes", "no", "on", "off", "true", "false", "null")
 """That YAML does not read as text."""
 _PARALLELOGRAM = """  # A parallelogram? Then the driven joint follows the driver; lever_m: axis 3 to the bar's pivot;
@@ -102,7 +104,7 @@ def nominal_text(values: Sequence[NominalRow]) -> str:
         key = json.dumps(f"joint_compliance[{joint}]")
         unit, per = ("um/N", "kN/mm") if slides else ("urad/(N m)", "MN m/rad")
         out += f"{key}:\n  value_{unit}: {1e6 / stiffness:.4g}   # K = {stiffness / 1e6:.3g} {per}\n"
-        out += f'  sd_percent: 60\n  source: "{why}"\n'
+        out += f'  sd_percent: 60\n  source: "{PROPOSED}: {why}"\n'
     return out
 
 
@@ -113,7 +115,7 @@ def readme_text(name: str, source: str, guessed: Sequence[str], why: str, checkl
         ("joint placements, axes, limits", source),
         ("pendant", "**assumed**: shows the URDF's angles"),
         ("link masses and centres", masses),
-        ("joint compliances", f"**assumed** ({why.removeprefix('assumed: ')}), sd 60 %"),
+        ("joint compliances", f"**assumed** ({why}), sd 60 %"),
         ("loops and springs", "none: not known"),
     )
     table = "".join(f"| {a} | {b} |\n" for a, b in rows)

@@ -3,13 +3,13 @@
 from qsframework.hypotheses.catalogue.rows import LEVEL, WrongRows, doubled, masked
 from qsframework.hypotheses.outliers import SHARE, find_outliers, told_outliers
 from qsframework.screening.check import find_mistakes, find_slips
-from qsframework.screening.mistake import STAND_OUT, SUSPECTED, Mistake, adopted
+from qsframework.screening.mistake import FILES, STAND_OUT, Mistake, adopted
 
 __all__ = [
+    "FILES",
     "LEVEL",
     "SHARE",
     "STAND_OUT",
-    "SUSPECTED",
     "Mistake",
     "WrongRows",
     "adopted",

@@ -23,8 +23,10 @@ from qsframework.hypotheses.linearized import Linearized, at_solution, linearize
 from qsframework.hypotheses.outliers import find_outliers, told_outliers
 from qsframework.hypotheses.standing_out import Standing, stand_out
 from qsframework.plugin import Indices
-from qsframework.screening.conventions import overloads, single_rows, suspicions, whole_table
-from qsframework.screening.mistake import Mistake
+from qsframework.robot.findings import robot_findings
+from qsframework.screening.common_scale import wrong_scale
+from qsframework.screening.conventions import overloads, single_rows, whole_table
+from qsframework.screening.mistake import FILES, Mistake
 
 _MOST = 6
 """Mistakes of one file that are looked for."""
@@ -54,9 +56,9 @@ def find_mistakes(
 
     Returns:
         Mistakes beyond doubt first, in the order in which they were applied: each holds the readings with it and with
-        all before it. Then what merely fits better (where nothing is beyond doubt), suspicions, and gross rows. Beside
-        the first one that is beyond doubt the next best goes along and is not compelling: axes that are nearly those of
-        the right sign fit better, too.
+        all before it. Then what merely fits better (where nothing is beyond doubt), suspicions, impossible values of
+        the robot's files, and gross rows. Beside the first one that is beyond doubt the next best goes along and is not
+        compelling: axes that are nearly those of the right sign fit better, too.
 
     Raises:
         InputError: where the readings do not identify the parameters at all.
@@ -69,13 +71,13 @@ def find_mistakes(
     try:
         given = linearized(experiment, readings)
     except _UNIDENTIFIABLE:
-        return tuple(found)
-    units = suspicions(given)
+        return (*found, *_of_files(experiment, readings))
     proved, rest, given = _proved(given)
     others = [replace(c, compelling=False) for c in rest]
     more = _gross(given.experiment, given.readings, level) if gross else []
+    files = _of_files(given.experiment, given.readings)
     told = [_told(one, given.experiment, given.readings, False) for one in more]
-    return (*found, *proved, *others, *units, *overloads(given), *told)
+    return (*found, *proved, *others, *wrong_scale(given), *overloads(given), *files, *told)
 
 
 def find_slips(experiment: Experiment, readings: Readings) -> tuple[Mistake, ...]:
@@ -90,6 +92,18 @@ def find_slips(experiment: Experiment, readings: Readings) -> tuple[Mistake, ...
             out += found
             readings = found[-1].readings
     return tuple(out)
+
+
+def _of_files(experiment: Experiment, readings: Readings) -> list[Mistake]:
+    """Values of the robot's files that cannot be and that no fit of the campaign replaces."""
+    model, names = experiment.model(), {*experiment.fit_names()}
+    own = zip(model.effects, model.slices, strict=True)
+    replaced = names | {effect.name for effect, part in own if names & {*model.names[part]}}
+    return [
+        Mistake(check.name, 1.0, check.words, experiment, readings=readings, file=FILES)
+        for check in robot_findings(experiment.robot)
+        if check.name not in replaced
+    ]
 
 
 def _proved(given: Linearized) -> tuple[list[Mistake], list[Mistake], Linearized]:

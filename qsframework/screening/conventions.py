@@ -41,7 +41,6 @@ from qsframework.hypotheses.catalogue.runs import MOST_OF_IT, NEAR_NOISE, run_of
 from qsframework.hypotheses.hypothesis import Hypothesis
 from qsframework.hypotheses.linearized import Estimates, Linearized, linearized, of_observations, other_readings
 from qsframework.hypotheses.standing_out import Standing, agreement, stand_out
-from qsframework.plugin import Spring
 from qsframework.screening.edit_words import mistake_words
 from qsframework.screening.mistake import Mistake, Moved
 from qsframework.screening.table_mistakes import Mend, table_mistakes
@@ -70,23 +69,10 @@ _LIGHTER = (
 )
 _SHOWN = 3
 """Parameters that are told with a mistake."""
-_UNITS = (
-    (9.80665, "the load is in kg (kgf, or daN) where the file says N"),
-    (4.4482216, "the load is in lbf where the file says N"),
-    (1e3, "the load is in kN where the file says N, or the displacements in um where it says mm"),
-    (1e-3, "the displacements are in m where the file says mm, or the load in N where it says kN"),
-    (1.0 / 25.4, "the displacements are in inches where the file says mm"),
-    (0.1, "the displacements are in cm where the file says mm, or the load was multiplied by g once more"),
-)
-"""Factor of the compliances as fitted, which is (true load) / (load of the file), and what it stands for."""
-_NEAR = 0.25
-"""How near, in log, the common factor of the compliances must be to that of a unit."""
 _NO_FURTHER = 2.0
 """How much larger the residuals of a linear fit may be where exact fits may turn out the other way."""
 _FAR = 3.0
 """How many times further from the nominal arm than as given positions are beyond any fit: derivatives cost more."""
-_APART = 0.5
-"""How far, in log, the compliances may scatter about their common factor."""
 
 
 def whole_table(given: Linearized, standing: Standing) -> list[Mistake]:
@@ -176,7 +162,7 @@ def single_rows(given: Linearized, standing: Standing) -> list[Mistake]:
             tried=mistake.tried,
         )
         evidence = 0.5 * mistake.gain - float(np.log(mistake.tried))
-        out.append(_compared(change.at(rows), given, fit, evidence, compelling=True))
+        out.append(compared(change.at(rows), given, fit, evidence, compelling=True))
         given = fit
     return out
 
@@ -220,10 +206,10 @@ def overloads(given: Linearized) -> list[Mistake]:
         found=largest,
         meant=most,
     )
-    return [_compared(replace(change.at(rows), mask=None), given, given, 0.0)]
+    return [compared(replace(change.at(rows), mask=None), given, given, 0.0)]
 
 
-def _compared(
+def compared(
     change: Hypothesis, given: Linearized, fit: Linearized, evidence: float, *, compelling: bool = False
 ) -> Mistake:
     """A hypothesis with what the fits as given and with it say of it."""
@@ -282,7 +268,7 @@ def _judge(change: Hypothesis, given: Linearized, trial: Linearized | None) -> M
     enough = enough and (change.name != "column_unit" or _right_unit(change, given, trial))
     compelling = evidence > -np.log(LEVEL) and enough and near and fit.below <= before.below
     told = replace(change, words=fits_better(change, fit.rms, before.rms))
-    return _compared(told, given, trial, evidence, compelling=bool(compelling))
+    return compared(told, given, trial, evidence, compelling=bool(compelling))
 
 
 def _speaks_for(change: Hypothesis, given: Estimates, fit: Estimates | LinearFit) -> tuple[float, float]:
@@ -403,31 +389,3 @@ def _of_some_rows(given: Linearized) -> list[Hypothesis]:
     trial = replace(given, stated=False)  # a hidden effect must not look like a mistake
     found = (exchanged_markers(trial, LEVEL), marker_constant(trial), late_angles(trial, LEVEL))
     return [change for change in found if change is not None]
-
-
-def suspicions(given: Linearized) -> list[Mistake]:
-    """A unit that all compliances absorb: they are off their nominal values by one factor, and it is a unit's."""
-    model, names = given.experiment.model(), given.experiment.fit_names()
-    springs = {p.name for e in model.effects if isinstance(e, Spring) for p in e.parameters(model.facts)}
-    nominal = np.array([model.parameters[i].nominal for i in model.index(names)])
-    x = given.estimates.x
-    told = np.array([n in springs for n in names]) & (nominal > 0.0) & (x > 3.0 * given.estimates.sd)
-    held = [p for p in model.parameters if p.name in springs and p.nominal > 0.0 and p.name not in names]
-    if told.sum() < max(2, len(held)):  # a few springs give for those that are held
-        return []
-    ratio = np.log(x[told] * scales([model.parameters[i] for i in model.index(names)])[told] / nominal[told])
-    common = float(np.median(ratio))
-    if np.median(np.abs(ratio - common)) > _APART:
-        return []
-    out: list[Mistake] = []
-    for factor, meaning in _UNITS:
-        if abs(common - np.log(factor)) > _NEAR:
-            continue
-        poses = replace(given.readings.poses, wrench=given.readings.poses.wrench * factor)
-        words = (
-            f"all compliances come out about {np.exp(common):.3g} times their nominal values: perhaps {meaning} "
-            f"(a factor of {factor:.4g}); the fit absorbs it, so it cannot be proved from these readings"
-        )
-        change = Hypothesis("load_unit", factor, words, given.experiment, readings=given.readings.with_poses(poses))
-        out.append(_compared(change, given, given, 0.0))
-    return out

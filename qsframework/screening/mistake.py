@@ -8,17 +8,18 @@ from dataclasses import dataclass
 from qsframework.experiment.finding import Finding
 from qsframework.hypotheses.hypothesis import Hypothesis
 
+FILES = "robot"
+"""In place of a file of readings: the robot's own."""
 _MENDS = {
     "load_unit": (
-        "Correct the unit in the table's header; where the loads are right, so are the compliances: make them the "
-        "robot's nominal values (nominal.yaml, which `qsf identify` writes)."
+        "Correct the unit in the table's header, or the loads; where they are right, so are the compliances: make them "
+        "the robot's nominal values (nominal.yaml, which `qsf identify` writes)."
     ),
     "load_payload": "Correct the forces, or payload_kg in robot.yaml.",
+    FILES: "Correct the robot's files.",
 }
 STAND_OUT = ("gross", "small model", "tool", "repeated_readings")
 """Names of rows that stand out, as noise with heavy tails makes them, or equal others: said, and no reason to stop."""
-SUSPECTED = tuple(_MENDS)
-"""Names of what is told and never applied: no fit can prove it."""
 _ROWS = "Correct the rows, have them left out (clean), or say that they are right (keep-all)."
 _TABLE = "Correct the table, or how it is read."
 
@@ -41,6 +42,7 @@ class Mistake(Hypothesis):
     evidence: log of how much likelier it makes the readings, the number of alternatives counted; NaN likewise
     below: compliances that the fit puts below their bounds
     moved: the parameters that change most with it
+    stops: whether what uses a fit stops there, or notes it
 
     Only a compelling one is to be believed; a `load_unit` never is, because the compliances absorb it.
     """
@@ -51,20 +53,35 @@ class Mistake(Hypothesis):
     below: int = 0
     compelling: bool = False
     moved: tuple[Moved, ...] = ()
+    stops: bool = True
 
     @property
     def finding(self) -> Finding:
         """The same as a fit keeps it: in words, with what to do."""
-        kind = self.name.partition("[")[0]
         by_rows = _ROWS if self.mask is not None else _TABLE
         return Finding(
-            self.name, self.words, _MENDS.get(kind, by_rows), self.file or self.column, self.rows, self.evidence
+            self.name,
+            self.words,
+            _MENDS.get(self._kind, by_rows),
+            place=self.file or self.column,
+            rows=self.rows,
+            evidence=self.evidence,
+            stops=self.stops,
         )
+
+    @property
+    def _kind(self) -> str:
+        return FILES if self.file == FILES else self.name
+
+    @property
+    def suspected(self) -> bool:
+        """Whether it is told and never applied: no fit can prove it."""
+        return self._kind in _MENDS
 
     @property
     def told(self) -> bool:
         """Whether it is worth a line: beyond doubt, suspected, or about single rows."""
-        return self.compelling or self.name in SUSPECTED or self.mask is not None
+        return self.compelling or self.suspected or self.mask is not None
 
 
 def adopted(found: Sequence[Mistake]) -> tuple[Mistake, ...]:

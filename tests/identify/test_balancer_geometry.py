@@ -8,13 +8,16 @@ import numpy as np
 import pytest
 from arm import position_readings, random_poses, settled
 
+from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, make_plan, on_robot, simulate
 from qsframework.identify import EstimateState as EstimateState, identify
+from qsframework.identify.identify import fit_readings
 from qsframework.plugin import build_effects
 from qsframework.robot import StructuralChange, alternatives
 from qsframework.robot.alternatives import with_effect
 
 SIGMA, POSES, SEEDS = 3e-5, 160, 5
+KEEP = FitOptions(keep_all=True)
 STIFFNESS = 1e5
 OFF = 0.020
 """m, of the attachment point from the joint's axis."""
@@ -147,3 +150,44 @@ def test_the_mirror_image_of_a_triangle_is_not_reached(m900ib: Experiment) -> No
     assert lc.domain[0] > 0.0
     found = fitted(experiment, {names[0]: -0.02, names[1]: 0.02}, 1)
     assert np.abs(found[:, 0]).max() < 4.0
+
+
+POINTS = {"effect": "point_spring", "first": "link_1", "second": "link_2"} | {
+    f"{end}_{axis}_m": at
+    for end, place in (("first", (-0.2, 0.0, 0.1)), ("second", (0.0, 0.0, 0.9)))
+    for axis, at in zip("xyz", place, strict=True)
+}
+HELD = {
+    "gravity_compensator": (SPRING, {"stiffness": 2e4, "free_length": 0.014, "lc": None, "l2": None, "zero": None}),
+    "gas_balancer": (GAS, dict.fromkeys(("pressure", "volume", "exponent", "lc", "l2", "zero"))),
+    "point_spring": (POINTS, {"stiffness": 2e4, "free_length": 0.014}),
+    "compensator_stiffness": (SPRING | {"effect": "compensator_stiffness"}, {"stiffness": 2e4, "free_length": 0.014}),
+}
+"""A balancer, and what is known of its parameters: a stated sd, or None where that of an arm as delivered counts."""
+
+
+@pytest.mark.parametrize("kind", HELD)
+def test_a_balancer_that_is_not_fitted_carries_what_is_known_of_it(kind: str, m900ib: Experiment) -> None:
+    """Stiffness, free length or preload, and pivots at nominal: their sds widen what the fit predicts, and an error of
+    one moves the springs as the fit says."""
+    entry, known = HELD[kind]
+    experiment = balanced(m900ib, entry)
+    names = [p.name for p in experiment.robot.parameters if p.name.startswith(kind)]
+    sds = dict(zip(names, known.values(), strict=True))
+    stated = tuple(replace(p, sd=sds.get(p.name, p.sd)) for p in experiment.robot.parameters)
+    experiment = on_robot(m900ib, replace(experiment.robot, parameters=stated)).with_(fit=("joint_compliance",))
+    model, (poses, loaded) = experiment.model(), (random_poses(experiment, 0, 10, 0), np.arange(10) % 2 == 1)
+    readings = position_readings(poses, loaded, settled(model, poses, loaded, model.nominal), SIGMA)
+    fit = fit_readings(experiment, readings, KEEP)
+    declared = {p.name: p.sd or p.nominal_sd for p in stated if p.name in names}
+    held = {h.name: h for h in fit.held}
+    assert {name: held[name].sd for name in names} == declared
+    widened = sum(np.outer(held[n].moved, held[n].moved) * held[n].sd ** 2 for n in names)
+    assert np.all(np.diag(fit.held_covariance) >= np.diag(widened))
+    for name in (names[0], names[-1]):
+        step = 0.1 * held[name].sd
+        other = tuple(replace(p, nominal=p.nominal + step) if p.name == name else p for p in stated)
+        robot = replace(experiment.robot, parameters=other)
+        again = fit_readings(experiment.with_(robot=robot), readings, KEEP)
+        moved = step * held[name].moved
+        np.testing.assert_allclose(fit.values - again.values, moved, atol=0.1 * np.abs(moved).max() + 1e-13)

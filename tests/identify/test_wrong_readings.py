@@ -117,6 +117,29 @@ def test_what_the_finding_says_is_to_be_done_mends_it(folder: Path, tmp_path: Pa
     assert (code, "load unit" in words) == (0, False), words
 
 
+def test_an_impossible_balancer_stops_what_uses_the_fit(folder: Path, tmp_path: Path) -> None:
+    """100 N/m where 1e5 belongs, at nominal: every verb begins or stops with it, with both torques and the value."""
+    robot = shutil.copytree(load_experiment(folder / "experiment.yaml").robot.folder, tmp_path / "fanuc_m900ib")
+    nominal = (robot / "nominal.yaml").read_text()
+    (robot / "nominal.yaml").write_text(nominal.replace("value_N/m: 1.0e5", "value_N/m: 100"))
+    for name in ("experiment.yaml", "targets.csv"):
+        shutil.copy(folder / name, tmp_path)
+    shutil.copy(folder / "right.csv", tmp_path / "readings.csv")
+    words = (
+        "gravity compensator[joint 2]: it exerts up to 7.81 N m; gravity's torque there is 1.49e+04 N m of the links"
+    )
+    code, checked = said(tmp_path, "check", "experiment.yaml", "readings.csv")
+    assert (code, checked.count("it exerts up to")) == (1, 1)
+    code, fitted = said(tmp_path, "identify", "experiment.yaml", "readings.csv", "--json", "fit.json")
+    assert (code, "Not to be used before it is looked at: gravity compensator[joint 2]" in fitted) == (0, True)
+    assert f"Look at {words}" in fitted
+    code, diagnosed = said(tmp_path, "diagnose", "experiment.yaml", "readings.csv")
+    assert (code, f"Look first at the {words}" in diagnosed) == (0, True)
+    for verb in STOPPED:
+        code, stopped = said(tmp_path, *STOPPED[verb])
+        assert (code, words in stopped, "look at stiffness 100 N/m" in stopped) == (2, True, True), verb
+
+
 def test_findings_edited_by_hand_are_refused(folder: Path, tmp_path: Path) -> None:
     """Without them the fit is not the one that its readings give."""
     for name in ("experiment.yaml", "readings.csv", "targets.csv"):

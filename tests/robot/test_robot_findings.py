@@ -91,6 +91,34 @@ def test_a_gas_balancer_far_too_strong(root: Path, tmp_path: Path) -> None:
     assert any("gas_balancer[joint_2]: it exerts up to" in words for words in said)
 
 
+SPRING, POINTS = "gravity_compensator[joint_2]", "point_spring[link_1/link_2]"
+
+
+@pytest.mark.parametrize(
+    ("robot", "old", "new", "name", "words"),
+    [
+        ("fanuc_m900ib", "value_N/m: 1.0e5", "value_N/m: 100", SPRING, "up to 7.81 N m;"),
+        ("fanuc_m900ib", "value_N/m: 1.0e5", "value_N/m: 1.0e6", SPRING, "up to 7.81e+04 N m;"),
+        ("fanuc_m900ib", "value_m: 0.70", "value_m: 1.4", SPRING, "pulls with the weight"),
+        ("kuka_kr270", "value_m: 0.458", "value_m: 1.458", SPRING, "pulls with the weight"),
+        ("abb_irb6640_185_280", "value_N/m: 60000.0", "value_N/m: 60", POINTS, "up to 3.24 N m;"),
+        ("abb_irb6640_185_280", "value_N/m: 60000.0", "value_N/m: 6.0e5", POINTS, "up to 3.24e+04 N m;"),
+        ("abb_irb6640_185_280", "value_m: 0.4", "value_m: 0.9", POINTS, "pulls with the weight"),
+    ],
+)
+def test_impossible_balancers(
+    robot: str, old: str, new: str, name: str, words: str, root: Path, tmp_path: Path
+) -> None:
+    """A thousandth, ten times and the other way round, of springs at one joint and between any two points: with both
+    torques, and the values to look at."""
+    said = [found for found in edited(root, tmp_path, robot, "nominal.yaml", old, new) if found.startswith(name)]
+    assert len(said) == 1
+    assert words in said[0]
+    assert "gravity's torque there is" in said[0]
+    assert "look at stiffness" in said[0]
+    assert "free_length" in said[0]
+
+
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [

@@ -81,7 +81,7 @@ class SoFar:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What is wrong with the readings, or with the files of the campaign."""
-        return () if self.fit is None else self.fit.account.findings
+        return () if self.fit is None else self.fit.account.stopping
 
 
 def so_far(day: Day) -> SoFar:

@@ -21,7 +21,7 @@ from qsframework.report.words.law import moving_words, place_words, places_words
 from qsframework.report.words.next_steps import next_steps, unrepeatable
 from qsframework.report.words.noise import audit_words
 from qsframework.report.words.sizes import mm, people_estimate, people_size
-from qsframework.screening import SUSPECTED, Mistake
+from qsframework.screening import Mistake
 
 _SHOWN = 3
 ALONE = "explained by the named causes"
@@ -161,7 +161,7 @@ def _moved(c: Mistake) -> str:
 
 def _next_best(found: Diagnosis) -> str:
     """How far from the adopted convention the second one stays."""
-    second = next((c for c in found.conventions if not c.compelling and c.name not in SUSPECTED), None)
+    second = next((c for c in found.conventions if not c.compelling and not c.suspected), None)
     return "" if second is None else f" Next best is {second.name}, {mm(second.rms)} mm."
 
 

@@ -149,7 +149,7 @@ def fit_verdict(fit: Fit, poses: Poses | None = None) -> Verdict:
     elif after >= before and mark is not Mark.BAD:
         mark, word = Mark.LOOK, "The nominal values do as well"
     said = f"{size}; {outcome}."
-    if found := fit.account.findings:
+    if found := fit.account.stopping:
         mark, word = Mark.BAD, "Not to be used before it is looked at"
         said = f"{some_of([one.title for one in found], _NAMED)} (below). {said}"
     return Verdict(

@@ -12,7 +12,7 @@ from qsframework.errors import listed, some_of
 from qsframework.report.blocks import Mark, Verdict
 from qsframework.report.words.law import moving_words
 from qsframework.report.words.sizes import mm
-from qsframework.screening import SUSPECTED, Mistake, adopted
+from qsframework.screening import Mistake, adopted
 
 _NAMED = 3
 _WORST = 3
@@ -20,7 +20,7 @@ _WORST = 3
 
 def headline(found: Diagnosis) -> str:
     """The verdict in one sentence, after what no fit can prove of the readings."""
-    ahead = [f"Look first at the {c.title}: {c.words}. " for c in found.conventions if c.name in SUSPECTED]
+    ahead = [f"Look first at the {c.title}: {c.words}. " for c in found.conventions if c.suspected]
     return "".join([*ahead, _verdict(found)])
 
 
