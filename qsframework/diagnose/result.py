@@ -84,7 +84,8 @@ class NamedCause:
     by how many of its standard errors over the poses that lies above nothing; hangs_on: poses
     without any one or two of which the name changes; physics, check: what its effect says of itself, and what to look
     at on the real robot; both empty for a convention; instead: a law that nobody has written, which explains the
-    readings as well in its place
+    readings as well in its place; further: kinds of causes that do something else to the readings, which do
+    not exclude them either
     """
 
     name: str
@@ -99,6 +100,7 @@ class NamedCause:
     heldout_gain: float = float("nan")
     heldout_clear: float = float("nan")
     instead: Leftover | None = None
+    further: int = 0
 
     @property
     def doubtful(self) -> bool:
@@ -110,7 +112,7 @@ class NamedCause:
     def open_alternative(self) -> bool:
         """Whether something else may be it: causes that these readings cannot tell from it, a law that explains them as
         well in its place, or chance."""
-        return bool(self.alternatives) or self.instead is not None or self.faint
+        return bool(self.alternatives or self.further) or self.instead is not None or self.faint
 
     @property
     def faint(self) -> bool:

@@ -14,6 +14,7 @@ from qsframework.experiment import load_experiment, read_readings
 from qsframework.hypotheses.catalogue.law import Law
 from qsframework.plugin import find
 from qsframework.report.extended import extension_of
+from qsframework.report.result_json import diagnosis_json
 from qsframework.report.words.diagnosis import diagnosis_words
 from tests.diagnose.cases import campaign, measured, twisted, with_size
 
@@ -71,3 +72,17 @@ def test_a_name_without_gain_is_not_written(tmp_path: Path) -> None:
     written = {name for name, value in values.items() if value != 0.0} - set(found.baseline.model.names)
     assert all(name.startswith("learned") for name in written), "springs that a law bends stand at 0"
     assert any(name.startswith("learned[j3/torque]") for name in written)
+
+
+def test_alternatives_that_act_otherwise_are_counted_and_not_listed() -> None:
+    """C.12: a name that is barely seen came with causes up to 90 deg away."""
+    hidden = with_size(find("offaxis_compliance")("joint_4", "z"), 0.1)
+    found = diagnose(campaign(), measured(*hidden, seed=6, count=14), repeats=1)
+    (f,) = found.findings
+    assert f.further == 1
+    assert all(np.cos(r.angle) >= 0.5 for r in f.alternatives)
+    assert f.open_alternative
+    also = f"1 other kind of cause, which acts differently on the readings, may be it instead of {f.name}"
+    assert also in diagnosis_words(found)
+    (told,) = diagnosis_json(found)["causes"]
+    assert told["alternatives"] == [r.name for r in f.alternatives]

@@ -83,6 +83,7 @@ def statements(found: Diagnosis) -> tuple[Statement, ...]:
         own = [f for f in findings if f.name not in adopted]
         said += [Statement(_evidence(f), f.name, group) for f in own]
         said += [Statement(tied_words(f), "", group) for f in own if f.alternatives]
+        said += [Statement(_further(f), "", group) for f in own if f.further]
         said += [Statement(instead_words(f, f.instead), "", group) for f in own if f.instead]
         said += [Statement(_hanging(f), "", group) for f in own if f.hangs_on]
         if own and group is CauseGroup.DOUBTFUL:
@@ -195,6 +196,12 @@ def tied_words(f: NamedCause) -> str:
     shown = some_of([f"{r.name} (angle {np.rad2deg(r.angle):.0f} deg)" for r in f.alternatives], _SHOWN)
     same = ": to these readings they are the same" if min(r.angle for r in f.alternatives) < _ALIKE else ""
     return f"These readings cannot separate {f.name} from {shown}{same}."
+
+
+def _further(f: NamedCause) -> str:
+    """How many causes that do something else to the readings these do not exclude."""
+    kinds = "1 other kind of cause, which acts" if f.further == 1 else f"{f.further} other kinds of causes, which act"
+    return f"So little is seen that {kinds} differently on the readings, may be it instead of {f.name}."
 
 
 def _hanging(f: NamedCause) -> str:

@@ -114,8 +114,8 @@ def _reasons(found: Diagnosis) -> Iterator[str]:
     for f in found.sure:
         if f.instead is not None:
             yield f"it may as well be that {moving_words(f.instead.law, found.experiment.robot.facts, found.places)}"
-        if len(f.alternatives) > MANY:
-            yield f"{f.name} could be any of {len(f.alternatives)} other causes"
+        if (others := len(f.alternatives) + f.further) > MANY:
+            yield f"{f.name} could be any of {others} other causes"
     faint = max(found.sure, key=lambda f: f.p_value)
     yield f"{faint.name} is barely seen (p = {faint.p_value:.1g})"
 
