@@ -18,7 +18,7 @@ from qsframework.diagnose.baseline import (
     start_of,
     without_rows,
 )
-from qsframework.diagnose.options import LIBRARY_SHARE
+from qsframework.diagnose.options import LIBRARY_SHARE, seen_below
 from qsframework.diagnose.residuals.audited_rows import bic, far_from_linear, find_outliers, library_basis
 from qsframework.diagnose.residuals.noise_components import visible
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
@@ -70,7 +70,7 @@ class SearchOptions:
     @property
     def of_library(self) -> float:
         """Level of the test of the library."""
-        return self.level * LIBRARY_SHARE
+        return seen_below(self.level)
 
     @property
     def of_remaining(self) -> float:
@@ -243,7 +243,7 @@ def _answers(library: Library, base: Baseline, options: SearchOptions, before: R
     fits so far."""
     if library.scores.p_value > options.of_library:
         return [], before
-    answers, fitted = explain(library, base.fit, base.rows, options.level, options.largest, before)
+    answers, fitted = explain(library, base.fit, base.rows, options.of_library, options.largest, before)
     fitted = {**before, **fitted}
     if not answers:
         return [], fitted

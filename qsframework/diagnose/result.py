@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from qsframework.diagnose.options import seen_below
 from qsframework.hypotheses.catalogue.law import Law, LikelyPlace
 from qsframework.plugin import Array, Indices, Parameter
 from qsframework.viewed import Viewed
@@ -253,10 +254,11 @@ class Diagnosis(Viewed):
 
     baseline and extended: the exact fits without and with the named causes, certain: with those that are not doubtful,
     over the rows `kept` of `readings`; learned: a law that was learned of what the names leave; places: where that may
-    be, or what acts in the place of an open name, which hold 95 % of the evidence together; outliers: rows that belong
-    to nothing; case: linearised at the baseline; before, after: their lack of fit; account: of the baseline, with the
-    causes that are open: named and not doubtful; known: where something is open, the names that are certain; settled:
-    the exact fit with these; competition: of all places and the other causes beside them
+    be, or what acts in the place of an open name, or, where nothing is certain, which lead, those that hold 95 % of the
+    evidence together; outliers: rows that belong to nothing; case: linearised at the baseline; before, after: their
+    lack of fit; account: of the baseline, with the causes that are open: named and not doubtful; known: where something
+    is open, the names that are certain; settled: the exact fit with these; competition: of all places and the other
+    causes beside them
     """
 
     account: Account
@@ -296,6 +298,11 @@ class Diagnosis(Viewed):
         return left_open(self.findings, self.leftovers)
 
     @property
+    def hinted(self) -> bool:
+        """Whether some place leads though nothing is certain."""
+        return bool(self.places) and not self.open
+
+    @property
     def sure(self) -> tuple[NamedCause, ...]:
         """The named causes that are not doubtful."""
         return tuple(f for f in self.findings if not f.doubtful)
@@ -308,7 +315,7 @@ class Diagnosis(Viewed):
     @property
     def plain_alone(self) -> tuple[Line, ...]:
         """Causes that are plain by themselves and are not named: what they show, the named ones do too."""
-        return tuple(x for x in self.table if x.status is Status.EXCLUDED and x.p_value < self.level)
+        return tuple(x for x in self.table if x.status is Status.EXCLUDED and x.p_value <= seen_below(self.level))
 
     def residuals(self) -> tuple[Array, Array]:
         """Of the kept rows (R, 3) m, before and after the extension."""

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from qsframework.diagnose import Diagnosis, diagnose
+from qsframework.diagnose import Diagnosis, diagnose, follow_up
+from qsframework.diagnose.named_causes import SearchOptions
+from qsframework.diagnose.options import seen_below
+from qsframework.diagnose.result import Line, Status
 from qsframework.experiment import load_experiment, read_readings
 from qsframework.hypotheses.catalogue.law import Law
 from qsframework.plugin import find
 from qsframework.report.extended import extension_of
 from qsframework.report.result_json import diagnosis_json
 from qsframework.report.words.diagnosis import diagnosis_words
-from tests.diagnose.cases import campaign, measured, twisted, with_size
+from qsframework.report.words.headline import headline
+from tests.diagnose.cases import campaign, measured, quiet, twisted, with_size
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 from independent import Campaign, Setting, noisy, write_campaign
@@ -86,3 +92,28 @@ def test_alternatives_that_act_otherwise_are_counted_and_not_listed() -> None:
     assert also in diagnosis_words(found)
     (told,) = diagnosis_json(found)["causes"]
     assert told["alternatives"] == [r.name for r in f.alternatives]
+
+
+def saturating(size: float) -> Hidden:
+    """The third gear gives up to so much more, rad."""
+    return Hidden(gears=(lambda still: np.eye(6)[2] * size * np.tanh(still.torque[:, [2]] / 1500.0),))
+
+
+def test_what_is_seen_has_one_threshold() -> None:
+    """C.5: no cause was seen above a table that called one at p = 0.016 seen."""
+    found = quiet(0)
+    lines = tuple(Line(name=f"c{p}", status=Status.EXCLUDED, p_value=p) for p in (0.0119, 0.0121, 0.019))
+    assert [x.p_value for x in replace(found, table=lines).plain_alone] == [0.0119]
+    assert seen_below(found.level) == SearchOptions(level=found.level, largest=3, seed=0, repeats=1).of_library
+
+
+def test_where_nothing_is_certain_the_places_are_ranked(tmp_path: Path) -> None:
+    """C.5: the race had the right place, the answer was silent and `--follow-up` said that nothing is open."""
+    found = answer(saturating(0.9e-4), tmp_path, poses=14, seed=1)
+    assert (found.verdict, found.findings, found.leftovers) == ("none", (), ())
+    assert headline(found).startswith("Nothing is certain: the model fits within the noise")
+    said = diagnosis_words(found)
+    assert re.search(r"Most likely places, if something acts: .*the drive of j3 \(\d+ %\)", said), said
+    assert diagnosis_json(found)["places"]
+    assert len(follow_up(found, 3, candidates=30).plan.pose) == 3
+    assert not quiet(0).places

@@ -17,7 +17,7 @@ from qsframework.hypotheses.search.cross_validation import FOLDS
 from qsframework.plugin import Parameter
 from qsframework.report.words.fit import alignment_words
 from qsframework.report.words.headline import headline, names_words, poses_words, worst_poses
-from qsframework.report.words.law import moving_words, place_words, places_words, variable_words
+from qsframework.report.words.law import moving_words, place_words, places_words, ranked_words, variable_words
 from qsframework.report.words.next_steps import next_steps, unrepeatable
 from qsframework.report.words.noise import audit_words
 from qsframework.report.words.sizes import mm, people_estimate, people_size
@@ -116,7 +116,8 @@ def _open(found: Diagnosis) -> Iterator[str]:
     """What no named cause explains, and where to look."""
     if found.places and not found.leftovers:
         moves = moving_words(found.places[0].law, found.experiment.robot.facts)
-        yield " ".join([f"If it is no cause of the library, most likely {moves}.", *places_words(found.places)])
+        likely = f"If it is no cause of the library, most likely {moves}."
+        yield ranked_words(found.places) if found.hinted else " ".join([likely, *places_words(found.places)])
     if found.leftovers:
         also = "also " if found.findings else ""
         left = leftover_words(found.leftovers[0])

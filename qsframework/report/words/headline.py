@@ -57,7 +57,8 @@ def _table(found: Diagnosis, wrong: Sequence[Mistake]) -> str:
 def _nothing(found: Diagnosis) -> str:
     e = found.rms.space
     seen = "the model fits within the noise and no cause of the library is seen"
-    return f"Nothing to name: {seen} (held-out error {mm(e.heldout_identified)} mm, noise {mm(e.noise)}, 3D RMS)."
+    start = "Nothing is certain" if found.hinted else "Nothing to name"
+    return f"{start}: {seen} (held-out error {mm(e.heldout_identified)} mm, noise {mm(e.noise)}, 3D RMS)."
 
 
 def _unexplained(found: Diagnosis) -> str:
