@@ -25,7 +25,7 @@ from qsframework.report.extended import extension_of
 from qsframework.report.result_json import diagnosis_json
 from qsframework.report.words.diagnosis import diagnosis_words
 from qsframework.report.words.headline import headline
-from tests.diagnose.cases import campaign, measured, quiet, twisted, with_size
+from tests.diagnose.cases import campaign, measured, poses, quiet, twisted, with_size
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 from independent import Campaign, Setting, noisy, write_campaign
@@ -145,3 +145,19 @@ def test_another_joints_variable_stands_in_for_the_own_one(ahead: float, first: 
     trials = law_trials(fit.model, likely, left, len(blocks), fits, fit.residuals.ravel())
     assert trials[0].leftover.law.name == first
     assert len(trials) == (1 if ahead < 6.0 else 2)
+
+
+@pytest.mark.parametrize("marker", [None, 1])
+def test_a_visit_that_moved_as_a_body_holds_no_outlier(marker: int | None) -> None:
+    """C.6: the base turned at one visit of 14; one of its three markers was masked, and nothing was left. A marker
+    that moved alone is one."""
+    data, visit = measured(seed=0, count=14), 5
+    places = campaign().rigid_places(poses(0, 14).q)[visit]
+    moved = 1.2e-4 * np.cross([0.0, 0.0, 1.0], places)
+    if marker is not None:
+        moved *= np.sqrt(3.0) * (np.arange(3) == marker)[:, None]
+    value = data.value.copy()
+    value[3 * visit : 3 * visit + 3] += moved
+    found = diagnose(campaign(), data.with_values(value), repeats=1)
+    assert found.outliers.tolist() == ([] if marker is None else [3 * visit + marker])
+    assert [x.law.place for x in found.leftovers[:1]] == (["joint_1"] if marker is None else [])
