@@ -111,7 +111,7 @@ def _told(
     tell("table")
     threshold = library.scores.threshold(options.of_library)
     findings = findings_of(library, found.answers, base.fit, held, threshold, base.pose_names(), options.seed)
-    findings = (*_mistakes_as_causes(mistakes), *with_alternatives(findings, remaining, beside))
+    findings = (*_mistakes_as_causes(mistakes), *with_alternatives(findings, found.causes, remaining, beside))
     certain = _certain(found, findings)
     learned = best_law(found, certain, remaining, options)
     known = beside(_known(findings) if left_open(findings, remaining.leftovers) else frozenset())

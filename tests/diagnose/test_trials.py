@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,14 +17,16 @@ from qsframework.diagnose.baseline import fits_beside
 from qsframework.diagnose.learn import law_trials
 from qsframework.diagnose.named_causes import SearchOptions
 from qsframework.diagnose.options import seen_below
-from qsframework.diagnose.result import Leftover, Line, Status
+from qsframework.diagnose.remaining import NOTHING, GivenCauses, with_alternatives
+from qsframework.diagnose.result import Leftover, Line, NamedCause, Status, Value
 from qsframework.experiment import load_experiment, make_rows, read_readings
 from qsframework.hypotheses.catalogue.generic_laws import generic_blocks, motions
 from qsframework.hypotheses.catalogue.law import Law
+from qsframework.hypotheses.search.places import Competition, PlaceMotion, RankedPlace
 from qsframework.plugin import find
 from qsframework.report.extended import extension_of
 from qsframework.report.result_json import diagnosis_json
-from qsframework.report.words.diagnosis import diagnosis_words
+from qsframework.report.words.diagnosis import diagnosis_words, instead_words
 from qsframework.report.words.headline import headline
 from tests.diagnose.cases import campaign, measured, poses, quiet, twisted, with_size
 
@@ -161,3 +164,32 @@ def test_a_visit_that_moved_as_a_body_holds_no_outlier(marker: int | None) -> No
     found = diagnose(campaign(), data.with_values(value), repeats=1)
     assert found.outliers.tolist() == ([] if marker is None else [3 * visit + marker])
     assert [x.law.place for x in found.leftovers[:1]] == (["joint_1"] if marker is None else [])
+
+
+@pytest.mark.parametrize(
+    ("size", "behind", "asked"), [(2.4e-2, 10.0, True), (2.4e-2, 14.0, False), (8e-3, 6.0, False), (8e-3, 14.0, False)]
+)
+def test_a_size_far_beyond_its_prior_asks_the_laws_at_its_place(size: float, behind: float, asked: bool) -> None:
+    """C.7: a zero 24 prior sds off was certain for a gear that is soft at small torque; one of 8 mrad is a crash."""
+    cause = next(c for c in quiet(0).case.causes if c.name == "joint_offset[joint_3]")
+    name = NamedCause(
+        name=cause.name,
+        values=(Value(cause.name, "rad", -size, 2e-3, 0.0),),
+        s=12.0,
+        p_value=1e-9,
+        ebic_gain=90.0,
+        alternatives=(),
+        hangs_on=(),
+    )
+    law = Law("drive", "joint_3", ("torque",))
+    place: Any = None
+    ranked = RankedPlace((law,), 60.0 - behind, (PlaceMotion(place, (0,), law, 60.0 - behind, 1e-3),))
+    given = GivenCauses((), quiet(0).baseline, lambda: Competition((ranked,), {cause.name: 60.0}))
+    (f,) = with_alternatives([name], [cause], NOTHING, lambda names: given)
+    assert f.open_alternative == asked
+    if asked:
+        assert f.instead is not None
+        assert f.instead.law == law
+        said = instead_words(f, f.instead)
+        assert "the drive of joint_3" in said
+        assert said.endswith("explains the readings better, by 2.4 nats: the cause may be another one.")

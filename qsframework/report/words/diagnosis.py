@@ -259,7 +259,8 @@ def instead_words(f: NamedCause, x: Leftover) -> str:
     """That a law which nobody has written stands in the place of a name as well."""
     where = f"an extra motion at {place_words(x.law)} that depends on {variable_words(x.law)}"
     better = f"better, by {x.evidence:.1f} nats" if x.evidence > 0.0 else "nearly as well"
-    return f"Instead of {f.name}, {where} explains the readings {better}: the place may be another one."
+    other = "cause" if f"[{x.law.place}]" in f.name else "place"
+    return f"Instead of {f.name}, {where} explains the readings {better}: the {other} may be another one."
 
 
 def limit_words(x: Line, stiffness: bool = True) -> str:
