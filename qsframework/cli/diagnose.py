@@ -105,9 +105,10 @@ def _write(found: Diagnosis, day: FollowUp | None, files: DiagnoseFiles, inputs:
         first, more = ("", "") if written.data else ("correct the readings, then ", " READINGS")
         print(f"next: {first}qsf identify {extended}{more}")
     else:
-        again = " ".join(["qsf diagnose", *map(str, (files.experiment, *files.data)), "--extend extended"])
+        again = " ".join(["qsf diagnose", *map(str, (files.experiment, *files.data))])
         corrected = f"qsf compensate {files.experiment} fit.json targets.csv, with the fit that identify --json wrote"
-        print(f"next: {again if found.sure else corrected}")
+        hinted = f"{again} --follow-up 8" if found.hinted and day is None else corrected
+        print(f"next: {again} --extend extended" if found.sure else f"next: {hinted}")
 
 
 def _steps(tell: Tell) -> Tell:

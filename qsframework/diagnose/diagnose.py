@@ -20,7 +20,7 @@ from qsframework.diagnose.named_causes import (
     held_out_gain,
 )
 from qsframework.diagnose.options import LEVEL, Level
-from qsframework.diagnose.remaining import Beside, Remaining, with_alternatives
+from qsframework.diagnose.remaining import Beside, Remaining, ranked_places, with_alternatives
 from qsframework.diagnose.residuals.audited_rows import misfit
 from qsframework.diagnose.residuals.noise_components import NoiseAudit
 from qsframework.diagnose.result import Diagnosis, Errors, Method, NamedCause, Value, left_open
@@ -111,10 +111,11 @@ def _told(
     tell("table")
     threshold = library.scores.threshold(options.of_library)
     findings = findings_of(library, found.answers, base.fit, held, threshold, base.pose_names(), options.seed)
-    findings = (*_mistakes_as_causes(mistakes), *with_alternatives(findings, remaining, beside))
+    findings = (*_mistakes_as_causes(mistakes), *with_alternatives(findings, found.causes, remaining, beside))
     certain = _certain(found, findings)
     learned = best_law(found, certain, remaining, options)
     known = beside(_known(findings) if left_open(findings, remaining.leftovers) else frozenset())
+    race = remaining.race if not found.answers and remaining.race else known.race
     tell("noise")
     audit = audit_of(base, learned.alone if learned and learned.holds else extended)
     after = misfit(base.experiment, base.readings, base.rows, extended)
@@ -128,7 +129,7 @@ def _told(
         conventions=tuple(mistakes),
         audit=audit,
         leftovers=remaining.leftovers,
-        places=remaining.places or (known.race.likely() if any(f.instead for f in findings) else ()),
+        places=ranked_places(remaining, findings, race),
         before=misfit(base.experiment, base.readings, base.rows, base.fit),
         after=after,
         rms=_errors(base, extended, held, given, audit),
@@ -141,7 +142,7 @@ def _told(
         case=base.case,
         known=known.causes,
         settled=known.fit,
-        competition=remaining.race if not found.answers and remaining.race else known.race,
+        competition=race,
         method=Method(held, base.far, base.unidentifiable, one_pose, base.rows.lone_visits),
         level=options.level,
         seed=options.seed,

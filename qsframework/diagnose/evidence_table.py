@@ -26,6 +26,9 @@ _SIDES = 1.96
 _ROUNDING = 1e-6
 """Share of a typical size below which a number is rounding."""
 _ALTERNATIVES_TRIED = 12
+_LISTED = float(np.deg2rad(60.0))
+"""Angle beyond which an alternative is counted but not listed: three quarters of what the cause does to the readings it
+cannot do (cosine 0.5). That it fits as well says how little is seen, not what else it may be."""
 _MOST_SETS = 20
 _MOST_POSES = 120
 """Above this many poses only single poses are deleted: two of them weigh little."""
@@ -92,18 +95,20 @@ def _finding(
     if not given:  # the exact fit knows the size better than the linear one
         s = float(np.sqrt(max(baseline.chi2 - best.fit.chi2 - best.subset.dof, 0.0)))
     angles = smallest_angles(library.subspaces, i)
+    listed = [j for j in alternatives if angles[j] <= _LISTED]
     return NamedCause(
         name=cause.name,
         values=values_of(cause, best.fit),
         s=s,
         p_value=p_value_of(library, i, given),
         ebic_gain=_conditional_ebic(library, i, given) if given else -best.ebic,
-        alternatives=tuple(AlternativeCause(library.case.causes[j].name, float(angles[j])) for j in alternatives),
+        alternatives=tuple(AlternativeCause(library.case.causes[j].name, float(angles[j])) for j in listed),
         hangs_on=hanging,
         physics=(cause.kind.__doc__ or cause.name).strip().splitlines()[0],
         check=cause.kind.check,
         heldout_gain=gain[0],
         heldout_clear=gain[1],
+        further=len({library.aliases(j) for j in alternatives if j not in listed}),
     )
 
 

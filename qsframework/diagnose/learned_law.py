@@ -103,6 +103,7 @@ def best_law(
         gain=held.gain,
         clear=held.clear,
         anew=remaining.anew,
+        poses=held.poses,
         physical=physical,
         alike=alike(base.case, kept, alone, first.leftover.law, first.cause),
     )

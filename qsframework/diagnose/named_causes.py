@@ -18,8 +18,8 @@ from qsframework.diagnose.baseline import (
     start_of,
     without_rows,
 )
-from qsframework.diagnose.options import LIBRARY_SHARE
-from qsframework.diagnose.residuals.audited_rows import bic, far_from_linear, find_outliers, library_basis
+from qsframework.diagnose.options import LIBRARY_SHARE, seen_below
+from qsframework.diagnose.residuals.audited_rows import bic, far_from_linear, find_outliers, library_basis, visit_shifts
 from qsframework.diagnose.residuals.noise_components import visible
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
 from qsframework.estimation import orthonormal, rms
@@ -70,7 +70,7 @@ class SearchOptions:
     @property
     def of_library(self) -> float:
         """Level of the test of the library."""
-        return self.level * LIBRARY_SHARE
+        return seen_below(self.level)
 
     @property
     def of_remaining(self) -> float:
@@ -243,7 +243,7 @@ def _answers(library: Library, base: Baseline, options: SearchOptions, before: R
     fits so far."""
     if library.scores.p_value > options.of_library:
         return [], before
-    answers, fitted = explain(library, base.fit, base.rows, options.level, options.largest, before)
+    answers, fitted = explain(library, base.fit, base.rows, options.of_library, options.largest, before)
     fitted = {**before, **fitted}
     if not answers:
         return [], fitted
@@ -259,7 +259,8 @@ def _answers(library: Library, base: Baseline, options: SearchOptions, before: R
 
 
 def _outliers(found: FoundCauses) -> Indices:
-    """Places of rows that belong neither to the model that was found nor to the whole library; at most a tenth."""
+    """Places of rows that belong neither to the model that was found nor to the whole library, nor to the others of
+    their visit: a visit that moved as a whole is an effect; at most a tenth."""
     base, fit = found.base, found.extended
     mask, shape = base.rows.mask, (len(base.rows.keep), 3)
     columns = visible(orthonormal(fit.jacobian).reshape(*shape, -1))
@@ -270,4 +271,7 @@ def _outliers(found: FoundCauses) -> Indices:
     if int(mask.sum()) - library.shape[1] >= max(base.case.count // 3, 6):
         raw = base.rows.padded_noise.whiten(base.fit.residuals.ravel()).reshape(shape)
         outliers = np.intersect1d(outliers, find_outliers(raw, library, _OUTLIERS, mask))
-    return outliers if len(outliers) <= max(1, len(base.rows.keep) // 10) else outliers[:0]
+    if len(outliers) > max(1, len(base.rows.keep) // 10):
+        return outliers[:0]
+    shifted = np.concatenate([columns, visit_shifts(base.rows, outliers)], axis=1)
+    return np.intersect1d(outliers, find_outliers(fit.white.reshape(shape), shifted, _OUTLIERS, mask))

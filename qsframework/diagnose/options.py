@@ -11,6 +11,13 @@ LEVEL = 0.02
 LIBRARY_SHARE = 0.6
 """Of the level that the test of the library gets; that for remaining signal gets the rest."""
 
+
+def seen_below(level: float) -> float:
+    """p-value from which down a cause of the library is seen, everywhere: with this share of the level at most 3 % of
+    clean campaigns raised an alarm, the test for remaining signal included."""
+    return LIBRARY_SHARE * level
+
+
 Level = Annotated[float, Option("False-alarm probability.", group="Diagnosis")]
 
 

@@ -80,7 +80,7 @@ def follow_up(
         InputError: where nothing is open, no candidate is allowed, or `without` names no such link.
     """
     tell: Progress = progress or (lambda step, done, total: None)
-    if diagnosis.verdict == "none":
+    if diagnosis.verdict == "none" and not diagnosis.hinted:
         raise InputError("nothing is open: the diagnosis names no cause and no place")
     mounts = mounts_of(diagnosis.experiment, without)
     pool, explanations = opened(diagnosis, candidates, seed, tell)

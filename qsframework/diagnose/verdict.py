@@ -21,8 +21,8 @@ def ambiguous(library: Library, findings: Sequence[NamedCause]) -> bool:
     if any(f.faint or f.instead is not None for f in findings):
         return True
     at = {c.name: i for i, c in enumerate(library.case.causes)}
-    kinds = [{library.aliases(at[r.name]) for r in f.alternatives} for f in findings]
-    return any(len(k) > MANY for k in kinds)
+    kinds = [f.further + len({library.aliases(at[r.name]) for r in f.alternatives}) for f in findings]
+    return any(k > MANY for k in kinds)
 
 
 def misfits(after: LackOfFit) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 
 from qsframework.diagnose.error_budget import error_budget
 from qsframework.diagnose.learn import curve, dots
-from qsframework.diagnose.options import LIBRARY_SHARE
+from qsframework.diagnose.options import seen_below
 from qsframework.diagnose.power import detection_rate, threshold
 from qsframework.diagnose.result import Diagnosis, LearnedLaw
 from qsframework.experiment import make_rows
@@ -233,7 +233,7 @@ def angle_figure(diagnosis: Diagnosis) -> Figure | None:
 def power_figure(diagnosis: Diagnosis) -> Figure:
     """How surely a cause of visible size s is detected in these readings, with what they hold."""
     blocks = [FamilyBlock(s.Q, s.one_sided) for s in diagnosis.case.subspaces() if s.visible]
-    limit = float(np.quantile(chance(blocks, seed=diagnosis.seed), diagnosis.level * LIBRARY_SHARE))
+    limit = float(np.quantile(chance(blocks, seed=diagnosis.seed), seen_below(diagnosis.level)))
     of = {s.cause.name: (s.Q.shape[1], s.one_sided) for s in diagnosis.case.subspaces() if s.visible}
     top = max([12.0, *(1.15 * f.s for f in diagnosis.findings)])
     s = np.linspace(0.0, top, 200)

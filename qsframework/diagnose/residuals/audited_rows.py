@@ -93,6 +93,14 @@ def find_outliers(white: Array, columns: Array, level: float, mask: Flags) -> In
     return np.flatnonzero(without_outliers(lambda _: given, row, len(white), beyond).wrong)
 
 
+def visit_shifts(rows: ReadingRows, some: Indices) -> Array:
+    """Columns (3 R, 3 v), whitened, of a shift of all readings of a visit together: of each visit that some rows are of
+    and that has others, too."""
+    shared = [rows.plus == visit for visit in np.unique(rows.plus[some])]
+    moved = np.array([of for of in shared if of.sum() > 1], dtype=float).reshape(-1, len(rows.keep)).T
+    return rows.padded_noise.whiten(np.einsum("rv,xy->rxvy", moved, np.eye(3)).reshape(3 * len(rows.keep), -1))
+
+
 def _worst(out: Flags, p: Array, most: int) -> Flags:
     """Of some rows (R,) those with the least p, at most so many."""
     return np.asarray(out & (p <= np.sort(p)[most - 1]), dtype=np.bool_)

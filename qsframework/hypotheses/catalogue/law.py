@@ -68,6 +68,14 @@ class Law:
         place = f"{self.part} {self.place}" if self.part in ("bearing", "shift", "point") else self.place or self.part
         return f"{f'{place} {self.axis}'.strip()}/{'*'.join(self.by)}"
 
+    def follows_another(self, facts: RobotFacts) -> bool:
+        """Whether a part of one joint moves by an angle, torque or way of other joints alone."""
+        if self.place not in (*facts.joints, *facts.links):
+            return False
+        named = [f.split("+") for f in self.angles]
+        named += [[f.partition(" ")[2]] for f in self.by if f.startswith(OF_A_JOINT)]
+        return any(facts.joint_of(self.place) not in joints for joints in named)
+
     def reaches(self, facts: RobotFacts) -> bool:
         """Whether what it depends on can act at its place: angles, torques and ways of joints near it; all else can,
         and whatever the instrument sees of the end of the arm."""

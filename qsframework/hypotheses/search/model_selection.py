@@ -18,8 +18,8 @@ from qsframework.hypotheses.search.subsets import LARGEST, Bounds, Gram, Subset,
 from qsframework.plugin import InputError
 
 REFITS = 5
-_OTHERS = 0.025
-"""Share of the level for causes beside others."""
+_OTHERS = 1.0 / 24.0
+"""Share of the level for causes beside others: 0.0005 of 0.012."""
 _TIE = 2.0
 """EBIC by which two explanations are as good as each other."""
 _LAST = "link"
@@ -107,7 +107,7 @@ def explain(
     """The best explanations with one or more causes, each fitted exactly, best first; of those as good, the one with
     the fewest causes. And all that was fitted.
 
-    Every cause of an answer is significant: alone at the level, beside others at a fortieth of it, because the best of
+    Every cause of an answer is significant: alone at the level, beside others at a share of it, because the best of
     many pairs nearly always holds one cause that only fits the noise. before: where fits start, and what has none.
     """
     found = [s for s in search(library.gram, library.heads, largest) if significant(library, s, level)]

@@ -118,6 +118,12 @@ class Competition:
         return _mean(parts) - float(np.logaddexp.reduce(other)) if parts else -np.inf
 
     @property
+    def lead(self) -> float:
+        """Nats by which the likeliest part of the arm is ahead of nothing and the repeatability together."""
+        other = [0.0, *(e.evidence for e in self.entries if e.is_repeatability)]
+        return max((e.evidence for e in self.parts), default=-np.inf) - float(np.logaddexp.reduce(other))
+
+    @property
     def causes_ahead(self) -> float:
         """Nats by which the causes of the library are likelier than places, one on average against the other."""
         parts = [e.evidence for e in self.parts]

@@ -17,7 +17,7 @@ from qsframework.hypotheses.search.cross_validation import FOLDS
 from qsframework.plugin import Parameter
 from qsframework.report.words.fit import alignment_words
 from qsframework.report.words.headline import headline, names_words, poses_words, worst_poses
-from qsframework.report.words.law import moving_words, place_words, places_words, variable_words
+from qsframework.report.words.law import moving_words, place_words, places_words, ranked_words, variable_words
 from qsframework.report.words.next_steps import next_steps, unrepeatable
 from qsframework.report.words.noise import audit_words
 from qsframework.report.words.sizes import mm, people_estimate, people_size
@@ -83,6 +83,7 @@ def statements(found: Diagnosis) -> tuple[Statement, ...]:
         own = [f for f in findings if f.name not in adopted]
         said += [Statement(_evidence(f), f.name, group) for f in own]
         said += [Statement(tied_words(f), "", group) for f in own if f.alternatives]
+        said += [Statement(_further(f), "", group) for f in own if f.further]
         said += [Statement(instead_words(f, f.instead), "", group) for f in own if f.instead]
         said += [Statement(_hanging(f), "", group) for f in own if f.hangs_on]
         if own and group is CauseGroup.DOUBTFUL:
@@ -115,7 +116,8 @@ def _open(found: Diagnosis) -> Iterator[str]:
     """What no named cause explains, and where to look."""
     if found.places and not found.leftovers:
         moves = moving_words(found.places[0].law, found.experiment.robot.facts)
-        yield " ".join([f"If it is no cause of the library, most likely {moves}.", *places_words(found.places)])
+        likely = f"If it is no cause of the library, most likely {moves}."
+        yield ranked_words(found.places) if found.hinted else " ".join([likely, *places_words(found.places)])
     if found.leftovers:
         also = "also " if found.findings else ""
         left = leftover_words(found.leftovers[0])
@@ -197,6 +199,12 @@ def tied_words(f: NamedCause) -> str:
     return f"These readings cannot separate {f.name} from {shown}{same}."
 
 
+def _further(f: NamedCause) -> str:
+    """How many causes that do something else to the readings these do not exclude."""
+    kinds = "1 other kind of cause, which acts" if f.further == 1 else f"{f.further} other kinds of causes, which act"
+    return f"So little is seen that {kinds} differently on the readings, may be it instead of {f.name}."
+
+
 def _hanging(f: NamedCause) -> str:
     sets = some_of(["+".join(s) for s in f.hangs_on], _SHOWN)
     return f"{f.name} rests on poses {sets}: without them another answer, or none, fits as well."
@@ -251,7 +259,8 @@ def instead_words(f: NamedCause, x: Leftover) -> str:
     """That a law which nobody has written stands in the place of a name as well."""
     where = f"an extra motion at {place_words(x.law)} that depends on {variable_words(x.law)}"
     better = f"better, by {x.evidence:.1f} nats" if x.evidence > 0.0 else "nearly as well"
-    return f"Instead of {f.name}, {where} explains the readings {better}: the place may be another one."
+    other = "cause" if f"[{x.law.place}]" in f.name else "place"
+    return f"Instead of {f.name}, {where} explains the readings {better}: the {other} may be another one."
 
 
 def limit_words(x: Line, stiffness: bool = True) -> str:

@@ -57,7 +57,8 @@ def _table(found: Diagnosis, wrong: Sequence[Mistake]) -> str:
 def _nothing(found: Diagnosis) -> str:
     e = found.rms.space
     seen = "the model fits within the noise and no cause of the library is seen"
-    return f"Nothing to name: {seen} (held-out error {mm(e.heldout_identified)} mm, noise {mm(e.noise)}, 3D RMS)."
+    start = "Nothing is certain" if found.hinted else "Nothing to name"
+    return f"{start}: {seen} (held-out error {mm(e.heldout_identified)} mm, noise {mm(e.noise)}, 3D RMS)."
 
 
 def _unexplained(found: Diagnosis) -> str:
@@ -114,8 +115,8 @@ def _reasons(found: Diagnosis) -> Iterator[str]:
     for f in found.sure:
         if f.instead is not None:
             yield f"it may as well be that {moving_words(f.instead.law, found.experiment.robot.facts, found.places)}"
-        if len(f.alternatives) > MANY:
-            yield f"{f.name} could be any of {len(f.alternatives)} other causes"
+        if (others := len(f.alternatives) + f.further) > MANY:
+            yield f"{f.name} could be any of {others} other causes"
     faint = max(found.sure, key=lambda f: f.p_value)
     yield f"{faint.name} is barely seen (p = {faint.p_value:.1g})"
 

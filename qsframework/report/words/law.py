@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from qsframework.errors import listed
+from qsframework.errors import listed, some_of
 from qsframework.hypotheses.catalogue.law import Law, LikelyPlace
 from qsframework.plugin import RobotFacts
 
@@ -34,6 +34,8 @@ _HOW: dict[tuple[str, ...], str] = {
 }
 
 
+_RANKED = 3
+"""Places that are ranked by name."""
 _TOLD = 2
 """Other places that are told by name."""
 _LOAD = {"load": "the load", "point": "the point where the load acts"}
@@ -108,6 +110,12 @@ def places_words(places: Sequence[LikelyPlace]) -> Iterator[str]:
     if best.equivalent:
         same = listed([place_words(law) for law in best.equivalent])
         yield f"Equivalent places: {same}. A reflector or a gauge nearer the base separates them."
+
+
+def ranked_words(places: Sequence[LikelyPlace]) -> str:
+    """Where something would be if it acts, the likeliest first."""
+    shown = some_of([f"{place_words(x.law)} ({100 * x.share:.0f} %)" for x in places], _RANKED)
+    return f"Most likely places, if something acts: {shown}. Visits chosen for it would settle it."
 
 
 def _moved(place: LikelyPlace) -> str:
