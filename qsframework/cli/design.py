@@ -85,8 +85,8 @@ def run_design(
     sds = {"this plan": predicted_sd(experiment, plan, free=options.free)}
     if taken:
         sds["with what was taken"] = joint_sd(experiment, [plan, *counted_once(taken)[0]], free=options.free)
-    table = _sd_table(experiment, plan, sds)
-    verdict = plan_verdict(experiment, plan, sds["this plan"], needed is None or needed.enough)
+    table = _sd_table(experiment, plan, sds, options.free)
+    verdict = plan_verdict(experiment, plan, sds["this plan"], needed is None or needed.enough, options.free)
     print_verdict(verdict)
     print_folded(*([] if needed is None else need_words(needed)))
     print_table(table.header, table.rows, most=None if files.verbose else ROWS)
@@ -145,12 +145,12 @@ def _needed(
     return found, needed
 
 
-def _sd_table(experiment: Experiment, plan: Plan, sds: Mapping[str, Array]) -> ReportTable:
+def _sd_table(experiment: Experiment, plan: Plan, sds: Mapping[str, Array], free: bool) -> ReportTable:
     """The predicted sds, of positions without the parameters that no plan identifies, beside what is known before."""
     parameters, identified = experiment.fit_parameters(), plan.certificate.parameters if plan.certificate else ()
     model = experiment.model()
     before = priors_of(model).sd[model.index(experiment.fit_names())]
-    if np.isfinite(before).any():
+    if np.isfinite(before).any() and not free:
         sds = {"before": np.where(np.isfinite(before), before, np.nan), **sds}
     kept = [i for i, p in enumerate(parameters) if p.name in identified or not plan.of_positions.any()]
     return sd_table([parameters[i] for i in kept], {name: sd[kept] for name, sd in sds.items()})

@@ -115,12 +115,12 @@ def sd_after(model: Model, columns: Array, names: Sequence[str], free: bool = Fa
     return out * scales([model.parameters[i] for i in model.index(names)])
 
 
-def identified_by(experiment: Experiment, plan: Plan) -> tuple[int, int]:
+def identified_by(experiment: Experiment, plan: Plan, free: bool = False) -> tuple[int, int]:
     """In how many directions of the fitted parameters a plan tells more than is known before, and how many there are:
-    one of each parameter of which nothing is known."""
+    one of each parameter of which nothing is known; free: of any."""
     model, names = experiment.model(), experiment.fit_names()
-    own, half = covariance_after(model, plan_columns(experiment, plan, names), names)
-    before = known_before(model, names)[own]
+    own, half = covariance_after(model, plan_columns(experiment, plan, names), names, free)
+    before = known_before(model, names, free)[own]
     known = np.flatnonzero(before)
     told = identified_directions((half @ half.T)[np.ix_(known, known)], 1.0 / before[known])
     return len(own) - len(known) + told, len(names)

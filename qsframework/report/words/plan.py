@@ -92,10 +92,11 @@ def need_words(found: Needed) -> list[str]:
     ]
 
 
-def plan_verdict(experiment: Experiment, plan: Plan, sds: Array, enough: bool = True) -> Verdict:
+def plan_verdict(experiment: Experiment, plan: Plan, sds: Array, enough: bool = True, free: bool = False) -> Verdict:
     """How many poses, what they tell, how well the tip is known then, and how near the plan is to the best.
 
-    sds (p,): predicted for the fitted parameters; enough: whether it reaches an accuracy that was asked for, if any
+    sds (p,): predicted for the fitted parameters; enough: whether it reaches an accuracy that was asked for, if any;
+    free: whether nothing counts as known before
     """
     parameters, c, tip = experiment.fit_parameters(), plan.certificate, tip_sizes(plan)
     lost = [p.name for p, sd in zip(parameters, sds, strict=True) if not np.isfinite(sd)]
@@ -107,7 +108,7 @@ def plan_verdict(experiment: Experiment, plan: Plan, sds: Array, enough: bool = 
     faint = sum(1 for share in shares if share > 1.0)
     near = float(np.ptp(plan.pendant, axis=0).max(initial=0.0))
     mark, word, outcome = Mark.GOOD, "Plan ready", f"identify all {len(sds)} parameters"
-    told, asked = identified_by(experiment, plan)
+    told, asked = identified_by(experiment, plan, free)
     if told < asked:
         outcome = f"identify {told} of {asked} directions"
     if held:
