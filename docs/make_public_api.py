@@ -38,7 +38,6 @@ PACKAGES: dict[str, tuple[str, ...]] = {
         "predicted_beyond",
         "predicted_sd",
         "predicted_uncertainties",
-        "sd_of_poses",
         "what_would_help",
     ),
     "qsframework.hypotheses": (),

@@ -14,11 +14,11 @@ from qsframework.applications.inverse import Free, Reached, ReachTool, poses_at,
 from qsframework.applications.task import Task
 from qsframework.arguments import checked
 from qsframework.design import DesignOptions, design
+from qsframework.design.need import tip_variances
 from qsframework.elastostatics import Model, cartesian_compliance, equilibrium, make_model, range_notes
 from qsframework.errors import InputError, NotCertified, NotConverged, NotIdentifiable
-from qsframework.estimation import scales
 from qsframework.experiment import Constraints, Experiment, LoadCase, Marker, NoiseModel, Plan
-from qsframework.information import information_rows, predicted_sd
+from qsframework.information import predicted_sd
 from qsframework.option import Seed
 from qsframework.plugin import Array, Parameter, Poses
 from qsframework.plugin.facts import frozen
@@ -174,7 +174,9 @@ def _computed(shared: tuple[tuple[Robot, ...], Task, int], k: int) -> dict[str, 
     plan, campaign = _designed(experiment, task, poses if len(points) else None, seed)
     if plan is not None:
         sds = predicted_sd(experiment, plan)
-        after[points] = _after(experiment, model, plan, poses)
+    if plan is not None and len(points):
+        variances, _ = tip_variances(experiment, plan, poses, tool.site, poses.pendant, free=False)
+        after[points] = np.sqrt(variances)
     beyond = range_notes(model, poses, [f"point {i + 1} of the path" for i in points])
     return {
         "deflection": deflection,
@@ -272,27 +274,6 @@ def _designed(experiment: Experiment, task: Task, work: Poses | None, seed: int)
         return None, f"no plan of {count} poses: {error}"
     best = "the parameters: no point of the path is reached" if work is None else "the tip along the path"
     return plan, f"{count} poses under {', '.join(dict.fromkeys(plan.load))}, best for {best}"
-
-
-def _after(experiment: Experiment, at: Model, plan: Plan, work: Poses) -> Array:
-    """Root mean squared error (N,) m of the load point that a fit of the plan would leave, S cov S'.
-
-    at: the model whose only marker is the load point of the work
-    """
-    model, names = experiment.model(), experiment.fit_names()
-    size = scales(experiment.fit_parameters())
-    rows = information_rows(model, plan.repeated(), names, task_sigma(experiment)).reshape(-1, len(names))
-    covariance = np.linalg.inv(rows.T @ rows) * np.outer(size, size)
-    S = at.position_sensitivity(work, names=names, loaded=True)[:, 0]
-    S = S - at.position_sensitivity(work, names=names, loaded=False)[:, 0]
-    return np.sqrt(np.einsum("ncp,pq,ncq->n", S, covariance, S))
-
-
-def task_sigma(experiment: Experiment) -> float:
-    """sd of one coordinate of a displacement, m, which a campaign always states."""
-    if experiment.noise.sigma is None:
-        raise InputError("the campaign states no noise")
-    return experiment.noise.sigma
 
 
 def tip_model(robot: Robot, tool: ReachTool) -> Model:

@@ -411,7 +411,7 @@ def _nothing_new(problem: DesignProblem, options: DesignOptions, M: Array) -> tu
         return ()
     return (
         "these readings would identify none of the parameters better than they are known already: worth measuring is "
-        "what nobody states, such as the springs (joint_compliance, under `loads`)",
+        "what nobody states, such as the springs of the joints under `loads`",
     )
 
 

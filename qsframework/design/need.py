@@ -117,13 +117,13 @@ def plan_for(
                 if count >= most:
                     raise
                 return np.inf
-        return float(_at_points(experiment, made[count], points, site, at, options.free)[0].max())
+        return float(tip_variances(experiment, made[count], points, site, at, options.free)[0].max())
 
     fewest, most = _allowed(experiment, most)
     first = max(_FIRST, fewest, ceil(2 * len(experiment.fit_names()) / (3 * len(experiment.markers))))
     count, least = _searched(value, made, wanted, min(first, most), fewest, most)
     plan = made[count]
-    variances, shares = _at_points(experiment, plan, points, site, at, options.free)
+    variances, shares = tip_variances(experiment, plan, points, site, at, options.free)
     short = max(value(count) / wanted, 1.0) if wanted > 0.0 else np.inf
     return Needed(
         plan=plan,
@@ -180,7 +180,7 @@ def _fewest(plan: Plan, wanted: float) -> int:
     return max(1, ceil(c.relaxed_efficiency * c.relaxed_value * c.poses / wanted - 1e-9))
 
 
-def _at_points(
+def tip_variances(
     experiment: Experiment, plan: Plan, points: Poses, site: Site, candidates: Array, free: bool
 ) -> tuple[Array, tuple[tuple[str, float], ...]]:
     """Variances (J,) m^2 of the tip at the points after a plan, and which parameters make up the largest."""

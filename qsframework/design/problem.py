@@ -12,7 +12,7 @@ from qsframework.design.candidates import Candidates
 from qsframework.design.reading import FRAME_SD, CandidateReading, StationRows, sample_rows, unknown_frames
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError, NotIdentifiable, Problem
-from qsframework.estimation import RankTest, rank_test, scales
+from qsframework.estimation import RankTest, rank_test
 from qsframework.experiment import Experiment, LoadCase, Plan, Readings
 from qsframework.experiment.frames import AXES
 from qsframework.experiment.observations import start_values
@@ -22,7 +22,7 @@ from qsframework.experiment.stations import Station
 from qsframework.information import Allowed, CandidateRows, MadeRows, as_rows, loss_words
 from qsframework.information.identifiable import NotEstimated, choose, in_order
 from qsframework.information.rows import root
-from qsframework.information.sensitivities import known_before, plan_columns, readings_columns, sd_after
+from qsframework.information.sensitivities import plan_columns, readings_columns, sd_after
 from qsframework.plugin import Array, Indices, Poses, Sensor
 from qsframework.work import HERE, Work, run
 
@@ -425,17 +425,9 @@ def _among(plan: Plan, other: Plan) -> npt.NDArray[np.bool_]:
 def joint_sd(experiment: Experiment, taken: Sequence[Plan | Readings], *, free: bool = False) -> Array:
     """Standard deviations (p,) that plans and readings predict together, SI; inf where they cannot tell a parameter."""
     names, model = experiment.fit_names(), experiment.model()
-    nominal, before = model.nominal[None], known_before(model, names, free)
+    nominal = model.nominal[None]
     M = sum((taken_information(experiment, one, names, nominal)[0] for one in taken), np.zeros((len(names),) * 2))
-    if experiment.plans_positions:
-        return sd_after(model, root(M).T, names, free)
-    M = M + np.diag(before**2)
-    size = np.sqrt(np.where(np.diag(M) > 0, np.diag(M), 1.0))
-    values, vectors = np.linalg.eigh(M / np.outer(size, size))
-    lost = values <= 1e-12 * values[-1]
-    variance = (vectors[:, ~lost] ** 2 / values[~lost]).sum(axis=1) / size**2
-    variance[(vectors[:, lost] ** 2).sum(axis=1) > 1e-6] = np.inf
-    return np.sqrt(variance) * scales(experiment.fit_parameters())
+    return sd_after(model, root(M).T, names, free)
 
 
 def require_rank(problem: DesignProblem) -> None:

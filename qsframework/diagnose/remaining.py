@@ -228,12 +228,15 @@ def with_alternatives(
     names, cause = [f.name for f in findings], {c.name: c for c in causes}
     law = {n: remaining.alternatives.get(n) or likelier_place(n, {*names} - {n}, beside) for n in names}
     return tuple(
-        replace(f, instead=law[f.name] or _rival_of_size(f, cause[f.name], beside(frozenset({*names} - {f.name})).race))
+        replace(
+            f,
+            instead=law[f.name] or _alternative_of_size(f, cause[f.name], beside(frozenset({*names} - {f.name})).race),
+        )
         for f in findings
     )
 
 
-def _rival_of_size(f: NamedCause, cause: Cause, race: Competition) -> Leftover | None:
+def _alternative_of_size(f: NamedCause, cause: Cause, race: Competition) -> Leftover | None:
     """The likeliest law at the place of a name that is far larger than what is known before the readings, where it is
     as likely by these and by that; None where the size is no question."""
     known = {p.name: p.nominal_sd or np.inf for p in cause.parameters}
@@ -242,9 +245,9 @@ def _rival_of_size(f: NamedCause, cause: Cause, race: Competition) -> Leftover |
     laws = [e for part in race.parts for e in part.explanations if e.law.by and e.law.place == where]
     if size <= _OUT_OF_SIZE or not laws:
         return None
-    rival = max(laws, key=lambda e: e.evidence)
-    ahead = rival.evidence - race.causes.get(f.name, np.inf) + float(2.5 * np.log1p(size**2 / 4.0))
-    return Leftover(rival.law, float("nan"), ahead) if ahead > 0.0 else None
+    likeliest = max(laws, key=lambda e: e.evidence)
+    ahead = likeliest.evidence - race.causes.get(f.name, np.inf) + float(2.5 * np.log1p(size**2 / 4.0))
+    return Leftover(likeliest.law, float("nan"), ahead) if ahead > 0.0 else None
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,5 +19,4 @@ from .sensitivities import (
     information_rows as information_rows,
     predicted_beyond as predicted_beyond,
     predicted_sd as predicted_sd,
-    sd_of_poses as sd_of_poses,
 )

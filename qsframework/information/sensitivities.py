@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from qsframework.elastostatics import Model
-from qsframework.estimation import left, orthonormal, rank_test, scales
+from qsframework.estimation import left, orthonormal, scales
 from qsframework.estimation.statistics import identified_directions
 from qsframework.experiment import Experiment, Plan, Readings, make_rows
 from qsframework.experiment.frames import motion_count
@@ -42,26 +42,6 @@ def information_rows(
 def information(rows: Array) -> Array:
     """Information matrix (N, p, p) of each pose: A' A."""
     return rows.transpose(0, 2, 1) @ rows
-
-
-def sd_of_poses(model: Model, poses: Poses, names: Sequence[str], sigma: float, repeats: Array | None = None) -> Array:
-    """Standard deviation (p,) that poses promise for each parameter; inf where they cannot tell it."""
-    rows = information_rows(model, poses, names, sigma)
-    if repeats is not None:
-        rows = rows * np.sqrt(np.asarray(repeats, dtype=float))[:, None, None]
-    flat = rows.reshape(-1, len(names))
-    test = rank_test(flat, names)
-    lost = set(test.unseen) | {name for group in test.tied for name in group}
-    kept = [i for i, name in enumerate(names) if name not in lost]
-    out = np.full(len(names), np.inf)
-    seen = [i for i, name in enumerate(names) if name not in test.unseen]
-    if kept:
-        # what a tied group shares still has to be told from the others: keep its seen directions
-        size = np.linalg.norm(flat[:, seen], axis=0)  # a small column is not to be taken for the lost direction
-        _, values, basis = np.linalg.svd(np.linalg.qr(flat[:, seen] / size, mode="r"))
-        told = basis[: test.rank] / values[: test.rank, None] / size
-        out[kept] = np.linalg.norm(told, axis=0)[[seen.index(i) for i in kept]]
-    return out * scales([model.parameters[i] for i in model.index(names)])
 
 
 def readings_columns(

@@ -25,7 +25,7 @@ from qsframework.errors import InputError, NotCertified, NotIdentifiable
 from qsframework.estimation import FitOptions, scales
 from qsframework.experiment import Experiment, Plan, PlanCertificate, example, read_plan, simulate, write_plan
 from qsframework.identify import identify
-from qsframework.information import predicted_sd, sd_of_poses
+from qsframework.information import predicted_sd
 
 
 def proof(plan: Plan) -> PlanCertificate:
@@ -314,4 +314,4 @@ def test_minutes_of_a_plan_survive_its_file(m900ib: Experiment, tmp_path: Path) 
 
 def test_the_paper_plan_promises_less(m900ib: Experiment) -> None:
     paper = read_plan(example("m900ib") / "table5.csv", m900ib)
-    assert np.isinf(sd_of_poses(m900ib.model(), paper.poses, m900ib.fit_names(), 3e-5)[0])
+    assert np.isinf(predicted_sd(m900ib, paper)[0])

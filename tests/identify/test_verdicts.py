@@ -11,7 +11,6 @@ from qsframework.design import design
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Plan, simulate
 from qsframework.identify import EstimateState, identify
-from qsframework.information import sd_of_poses
 from qsframework.report.words.fit import verdict_words
 from tests.identify.arm import spoilt, with_sigma
 
@@ -85,34 +84,6 @@ def test_noise_that_is_to_be_estimated_is_estimated(m900ib: Experiment, plan: Pl
     fit = identify(m900ib, replace(simulate(m900ib, plan, seed=3).readings, stated=False))
     assert fit.sigma_source == "estimated"
     assert 0.8 < fit.sigma / 0.03e-3 < 1.2
-
-
-def test_what_tied_parameters_share_is_not_taken_for_known(m900ib: Experiment) -> None:
-    """Three columns, two of them equal, the third close to them: its sd is that of the estimable pair."""
-
-    class Stub:
-        """A model of three parameters whose sensitivities are given."""
-
-        parameters = m900ib.model().parameters[:3]
-
-        def index(self, names: list[str]) -> list[int]:
-            return [0, 1, 2]
-
-        def sensitivity(
-            self, poses: object, x: object = None, names: object = None, linear: object = None
-        ) -> np.ndarray:
-            rng = np.random.default_rng(0)
-            a = rng.normal(size=(40, 1, 3))
-            c = a + 0.1 * rng.normal(size=(40, 1, 3))
-            return np.stack([a, a, c], axis=-1) / np.array([p.sd or p.scale for p in self.parameters])
-
-    model = Stub()
-    names = [p.name for p in model.parameters]
-    sd = sd_of_poses(model, [None] * 40, names, 1.0)  # type: ignore[arg-type]
-    A = model.sensitivity(None).reshape(-1, 3)[:, 1:]
-    truth = np.sqrt(np.linalg.inv(A.T @ A)[1, 1])
-    assert np.isinf(sd[:2]).all()
-    assert np.isclose(sd[2], truth, rtol=1e-9)
 
 
 def test_residuals_far_below_the_noise_are_said(m900ib: Experiment, plan: Plan) -> None:

@@ -18,7 +18,7 @@ from qsframework.design.problem import joint_sd
 from qsframework.estimation import FitOptions, Independent, Observations, rank_test, solve
 from qsframework.experiment import Experiment, make_plan, simulate
 from qsframework.identify import EstimateState, identify
-from qsframework.information import information_rows, predicted_sd, sd_of_poses
+from qsframework.information import information_rows, predicted_sd
 from qsframework.plugin import Array, Parameter, build_effects
 from qsframework.plugin.facts import frozen
 
@@ -162,31 +162,6 @@ def test_joint_1_under_a_vertical_load(power: int) -> None:
     assert power >= -9
     if power <= -5:
         assert fit.estimates[joint_1].state is EstimateState.NOT_IDENTIFIABLE
-
-
-def test_what_is_tied_among_small_columns_is_not_lost_to_them() -> None:
-    """A tied pair of large columns and a small column: the small one keeps its sd, the pair has none."""
-    experiment = campaign()
-    model = experiment.model()
-    batch = poses(experiment, 12)
-
-    class Fixed:
-        """A model with given sensitivities."""
-
-        parameters = tuple(Parameter(n, "m") for n in "abc")
-
-        def index(self, names: Sequence[str]) -> list[int]:
-            return ["abc".index(n) for n in names]
-
-        def sensitivity(self, *_: object) -> Array:
-            rng = np.random.default_rng(0)
-            first, other, noise = rng.standard_normal((3, 12, 9))
-            return np.stack([first, first + 1.65e-9 * noise, 1e-9 * other], axis=-1).reshape(12, 3, 3, 3)
-
-    sd = sd_of_poses(Fixed(), batch, "abc", 1.0)  # pyright: ignore[reportArgumentType]
-    assert np.isinf(sd[:2]).all()
-    assert sd[2] == pytest.approx(1.0 / (1e-9 * np.sqrt(108)), rel=0.2)
-    assert model.names
 
 
 def forty() -> Experiment:

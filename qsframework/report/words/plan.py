@@ -66,7 +66,7 @@ def tip_words(plan: Plan) -> list[str]:
     )
     if c is not None and c.value_in_base is not None:
         said.append(
-            "What turns or shifts the whole arm, or its tool, is absorbed by the frame and the tool that the readings "
+            "What turns or shifts the whole arm, or its tool, is taken up by the frame and the tool that the readings "
             "give: in the base frame the tip is known better only where these are stated (`frames:`, nests)."
         )
     return said
