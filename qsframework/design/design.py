@@ -50,6 +50,10 @@ _FIRST_STEP = (
     "the candidates are scored by the first step to their equilibrium, which a sample of them shows to rank alike; the "
     "bound over them is of that model, the values of the plan are of the equilibrium"
 )
+_NOTHING_MOVES = (
+    "criterion I: none of the parameters of `fit` moves the tip at the test poses, after the frame and the tool that "
+    "suit best where nobody states these. Ask for criterion D, or fit other parameters"
+)
 Progress = Callable[[str, int, int], None]
 
 
@@ -238,6 +242,8 @@ def _criterion(
     tip, width = None, problem.reading.width
     if options.criterion == "I":
         tip = tip_rows(experiment, test_poses, problem.pendant, problem.names, site, beside)
+        if not tip.any():
+            raise InputError(f"{experiment.path}: {_NOTHING_MOVES}")
         tip = np.pad(tip, ((0, 0), (0, 0), (0, width - len(problem.names))))
     return find_criterion(options.criterion, interest, width, tip, problem.wanted.tolist())
 

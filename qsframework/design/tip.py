@@ -16,6 +16,8 @@ from qsframework.experiment.observations import start_values
 from qsframework.information.absorbed import FRAME, TOOL, absorbed, tip_motions
 from qsframework.plugin import Array, Poses, Sensor
 
+_ROUNDING = 1e-9
+"""Of the largest slope: what is left where frame and tool take up all of it."""
 _POSES = 200
 """Candidates that stand for the work, and over which frame and tool suit."""
 
@@ -55,7 +57,8 @@ def tip_rows(
         return slope
     work = Poses(few, experiment.robot.controller.to_joints(few), np.resize(poses.wrench, (len(few), 6)))
     suited = absorbed(_slope(experiment, work, names, point), _moved(experiment, work, point), beside)
-    return suited.left(slope, _moved(experiment, poses, point))
+    left = suited.left(slope, _moved(experiment, poses, point))
+    return np.where(np.abs(left) > _ROUNDING * np.abs(slope).max(), left, 0.0)
 
 
 def _slope(experiment: Experiment, poses: Poses, names: Sequence[str], point: Site) -> Array:

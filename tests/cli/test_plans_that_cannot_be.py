@@ -69,18 +69,23 @@ def designed(folder: Path, text: str, *more: str) -> str:
             ("joint_compliance[joint_1]: no reading depends on it", "Under weight a dial gauge reads one direction"),
         ),
         (
+            "fit: [geometry]\n",
+            f"fit: [geometry]\n{GAUGE}",
+            ("none of the parameters of `fit` moves the tip", "Ask for criterion D, or fit other parameters"),
+        ),
+        (
             "fit: [geometry]",
             'fit: [geometry, "joint_compliance[joint_1]"]',
             ("no plan of these readings identifies joint_compliance[joint_1]", "springs need `loads`"),
         ),
     ],
-    ids=["unseen", "gauge", "dial gauge", "springs"],
+    ids=["unseen", "frame, --free", "dial gauge", "rigid", "springs"],
 )
 def test_it_is_refused_with_what_to_change(tmp_path: Path, old: str, new: str, words: tuple[str, ...]) -> None:
     text = TEXT.replace(old, new) + (DOWN if "below" in new else "")
     assert text != TEXT
     with pytest.raises((InputError, NotIdentifiable)) as error:
-        designed(tmp_path, text, "-n", "20")
+        designed(tmp_path, text, "-n", "20", *(["--free"] if "confounded" in words[0] else []))
     for word in words:
         assert word in str(error.value)
     assert not (tmp_path / "plan.csv").exists()
