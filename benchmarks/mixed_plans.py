@@ -25,7 +25,7 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 import numpy as np
 from common import PAGE, replace_between, table
-from heavy_arm import LEVELS, at_levels, write_experiment, write_robot
+from heavy_arm import at_levels, rms, write_experiment, write_robot
 
 from qsframework.design import design, generate_candidates
 from qsframework.design.options import DesignOptions
@@ -153,18 +153,15 @@ def arms(experiment: Experiment, count: int) -> Array:
     return x
 
 
-def judged(experiment: Experiment, plan: Plan, count: int) -> dict[str, float]:
-    """RMS, m, of the errors of the tip at fresh poses over the arms, at each level."""
-    fresh = generate_candidates(experiment, TARGETS, seed=5).pendant
-    load = experiment.loads[0]
-    poses = Poses(fresh, experiment.robot.controller.to_joints(fresh), np.tile(load.wrench, (len(fresh), 1)))
-    model, rng, found = experiment.model(), np.random.default_rng(3), list[dict[str, Array]]()
+def judged(experiment: Experiment, plan: Plan, poses: Poses, count: int) -> float:
+    """RMS, m, of the errors of the tip at some poses over the arms, after the best frame and tool."""
+    model, rng, found = experiment.model(), np.random.default_rng(3), list[Array]()
     tip, fitted = replace(model, tip=experiment.load_site), fitter(experiment, plan)
     for truth in arms(experiment, count):
         x = fitted(truth, rng)
         real, said = (equilibrium(tip, poses, values, loaded=True) for values in (truth, x))
-        found.append(at_levels(said.tip, said.tip_rotation, real.tip))
-    return {level: float(np.sqrt(np.mean([np.square(one[level]) for one in found]))) for level in LEVELS}
+        found.append(at_levels(said.tip, said.tip_rotation, real.tip)["tool"])
+    return rms(np.concatenate(found))
 
 
 def rows(robot: str, count: int) -> Iterator[tuple[str, str]]:
@@ -175,9 +172,9 @@ def rows(robot: str, count: int) -> Iterator[tuple[str, str]]:
         load = experiment.loads[0]
         poses = Poses(fresh, experiment.robot.controller.to_joints(fresh), np.tile(load.wrench, (len(fresh), 1)))
         for name, plan in plans(experiment):
-            real, said = judged(experiment, plan, count), predicted(experiment, plan, at, poses)
+            real, said = judged(experiment, plan, poses, count), predicted(experiment, plan, at, poses)
             loaded = int(np.any(plan.wrench, axis=1).sum())
-            yield name, f"{loaded} + {len(plan.pose) - loaded}: {1e3 * said:.4f} / {1e3 * real['tool']:.4f}"
+            yield name, f"{loaded} + {len(plan.pose) - loaded}: {1e3 * said:.4f} / {1e3 * real:.4f}"
 
 
 def cells(robots: Sequence[str], count: int) -> Iterator[tuple[str, ...]]:

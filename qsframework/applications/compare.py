@@ -174,9 +174,9 @@ def _computed(shared: tuple[tuple[Robot, ...], Task, int], k: int) -> dict[str, 
     plan, campaign = _designed(experiment, task, poses if len(points) else None, seed)
     if plan is not None:
         sds = predicted_sd(experiment, plan)
-    if plan is not None and len(points):
-        variances, _ = tip_variances(experiment, plan, poses, tool.site, poses.pendant, free=False)
-        after[points] = np.sqrt(variances)
+        if len(points):
+            variances, _ = tip_variances(experiment, plan, poses, tool.site, poses.pendant, free=False)
+            after[points] = np.sqrt(variances)
     beyond = range_notes(model, poses, [f"point {i + 1} of the path" for i in points])
     return {
         "deflection": deflection,
