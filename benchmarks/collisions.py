@@ -19,10 +19,10 @@ import numpy as np
 import pinocchio as pin
 import trimesh
 
+from qsf_onboarding.folder import Arm, new
 from qsframework.robot import Robot, load_robot
 from qsframework.robot.collision import Collider, make_collider
 from qsframework.robot.kinematics import joint_frames
-from qsframework.robot.new import Arm, new
 
 
 def main() -> None:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from common import ROOT
 
-from qsframework.applications.protocol import ProtocolOptions, make_protocol
+from qsf_day.protocol import ProtocolOptions, make_protocol
 from qsframework.elastostatics.so3 import exponential
 from qsframework.experiment import load_experiment, make_plan, write_plan
 from qsframework.experiment.simulate import prior_draws

@@ -170,7 +170,7 @@ def main() -> None:
     """Write the readings, run what the README runs, and write down what it says."""
     from typer.testing import CliRunner
 
-    from qsframework.cli.main import app
+    from qsframework.cli.app import app
     from qsframework.diagnose import diagnose
     from qsframework.diagnose.learn import curve
     from qsframework.experiment import load_experiment, read_readings

@@ -6,8 +6,6 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-import typer.main
-
 from qsframework.cli.help import argument_name
 
 PAGE = Path(__file__).parent / "command-line.md"
@@ -24,14 +22,13 @@ SHARED = 3
 
 def page() -> str:
     """The page: what many commands share, then one section per command."""
-    from qsframework.cli.main import app
+    from qsframework.cli.app import every_command
 
-    group: Any = typer.main.get_command(app)
-    commands = group.commands.values()
-    counts = Counter(row for command in commands for row in (*_asked(command), *map(_row, _options(command))))
+    commands = every_command()
+    counts = Counter(row for command in commands.values() for row in (*_asked(command), *map(_row, _options(command))))
     shared = [row for row, count in counts.items() if count >= SHARED]
     head = HEAD + f"\n## What several commands share\n\n{_list(shared)}"
-    return head + "".join(_section(name, command, shared) for name, command in group.commands.items())
+    return head + "".join(_section(name, command, shared) for name, command in commands.items())
 
 
 def _options(command: Any) -> list[Any]:

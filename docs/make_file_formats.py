@@ -19,10 +19,10 @@ from typing import Annotated, Any, Literal, get_args, get_origin
 import numpy as np
 from pydantic.fields import FieldInfo
 
+from qsf_trackers.mapping import MappingSpec
 from qsframework import units
 from qsframework.applications import targets
 from qsframework.applications.certificate import DeviceSpec, MetaSpec, PartySpec
-from qsframework.applications.importers.mapping import MappingSpec
 from qsframework.applications.task import CampaignSpec, MapSpec, PointSpec, TaskSpec
 from qsframework.diagnose import diagnose
 from qsframework.estimation import Interval

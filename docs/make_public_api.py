@@ -46,9 +46,14 @@ PACKAGES: dict[str, tuple[str, ...]] = {
     "qsframework.identify": (),
     "qsframework.diagnose": (),
     "qsframework.applications": (),
-    "qsframework.applications.importers": (),
+    "qsframework.cli": (),
+    "qsframework.option": ("Option", "Options", "Seed"),
     "qsframework.work": (),
     "qsframework.viz": ("Scene", "residual_scene", "show_scene"),
+    "qsf_trackers": (),
+    "qsf_controllers": (),
+    "qsf_day": ("Protocol", "ProtocolOptions", "VisitOptions", "make_protocol"),
+    "qsf_onboarding": (),
 }
 """What a user may import: of each package the names given here, or all of its `__all__`. All else may change."""
 HEAD = """# Every public Python name of qsframework with its signature; docs/api.md says what a release may change.
@@ -102,7 +107,9 @@ def _members(cls: type) -> set[str]:
     """Names without an underscore that the class has, less those of its public bases."""
     out: set[str] = set()
     for part in cls.__mro__:
-        if part.__module__.startswith("qsframework") and (part is cls or part.__name__ not in _public_classes()):
+        if part.__module__.startswith(("qsframework", "qsf_")) and (
+            part is cls or part.__name__ not in _public_classes()
+        ):
             out |= {k for k in (*vars(part), *inspect.get_annotations(part)) if not k.startswith("_")}
     return out
 

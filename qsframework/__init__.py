@@ -14,7 +14,7 @@ from lazy_loader import attach_stub
 
 from qsframework.viewed import MAKERS, View
 
-_SHORT = {"extend": "write_extended", "protocol": "make_protocol", "show": "show_scene", "stiffness": "stiffness_at"}
+_SHORT = {"extend": "write_extended", "show": "show_scene", "stiffness": "stiffness_at"}
 """Verbs that have a longer name in their modules."""
 
 _named, _, __all__ = attach_stub(__name__, __file__)

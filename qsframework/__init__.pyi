@@ -1,14 +1,11 @@
 from . import units as units
 from .applications.compare import compare as compare
 from .applications.compensate import compensate as compensate
-from .applications.export import export as export
-from .applications.importers import import_readings as import_readings
-from .applications.programme import make_programme as make_programme
-from .applications.protocol import make_protocol
 from .applications.stiffness import stiffness_at
 from .applications.targets import joint_targets as joint_targets, read_targets as read_targets
 from .applications.task import load_task as load_task
 from .design import design as design
+from .design.programme import make_programme as make_programme
 from .diagnose import diagnose as diagnose
 from .diagnose.power import forecast as forecast
 from .diagnose.second_day import follow_up as follow_up
@@ -43,12 +40,10 @@ from .report.extended import write_extended
 from .report.results import report as report
 from .report.words.diagnosis import diagnosis_words as diagnosis_words
 from .robot import Robot as Robot, load_robot as load_robot
-from .robot.new import new as new
 from .screening import find_mistakes as find_mistakes
 from .viz.show_scene import show_scene
 
 __version__: str
 extend = write_extended
-protocol = make_protocol
 show = show_scene
 stiffness = stiffness_at

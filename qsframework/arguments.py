@@ -83,19 +83,22 @@ def _own(kind: type) -> dict[str, str]:
     return _plain(kind, vars(kind).get("__annotations__", {}))
 
 
-def _plain(declared: Any, annotations: Mapping[str, str]) -> dict[str, str]:
+def _plain(declared: Any, annotations: Mapping[str, Any]) -> dict[str, str]:
     """Annotations without what they say of options: an alias of an annotated type stands for the type."""
     names = vars(sys.modules[declared.__module__])
-    return {name: _type_in(text, names) for name, text in annotations.items()}
+    return {name: _type_in(stated, names) for name, stated in annotations.items()}
 
 
-def _type_in(text: str, names: Mapping[str, Any]) -> str:
-    if text.startswith("Annotated["):
-        return _parts(text.removeprefix("Annotated["), ", ")[0]
-    if get_origin(alias := names.get(text)) is Annotated:
-        told = get_args(alias)[0]
-        return re.sub(r"\w+\.", "", told.__name__ if isinstance(told, type) else str(told))
-    return text
+def _type_in(stated: Any, names: Mapping[str, Any]) -> str:
+    """The type of an annotation: a text, or what it stands for in a module that does not keep texts."""
+    if isinstance(stated, str) and stated.startswith("Annotated["):
+        return _parts(stated.removeprefix("Annotated["), ", ")[0]
+    meant = names.get(stated) if isinstance(stated, str) else stated
+    if get_origin(meant) is Annotated:
+        meant = get_args(meant)[0]
+    elif isinstance(stated, str):
+        return stated
+    return re.sub(r"\w+\.", "", meant.__name__ if isinstance(meant, type) else str(meant))
 
 
 def _taken(given: Mapping[str, Any], annotations: Mapping[str, str]) -> dict[str, Any]:

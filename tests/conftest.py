@@ -153,7 +153,7 @@ ASKERS = (
     "qsframework",
     "qsframework.applications.certificate",
     "qsframework.applications.conformance",
-    "qsframework.applications.day.so_far",
+    "qsf_day.so_far",
     "qsframework.cli.diagnose",
     "qsframework.diagnose",
 )

@@ -27,9 +27,9 @@ from qsframework.applications.inverse import (
 )
 from qsframework.applications.levels import Levels, levels_of, tip_slope
 from qsframework.applications.options import Reference
-from qsframework.applications.programme import overloads
 from qsframework.applications.targets import Targets
 from qsframework.arguments import checked
+from qsframework.design.programme import overloads
 from qsframework.elastostatics import Model, actuator_torques, equilibrium, range_notes
 from qsframework.errors import InputError, NotConverged, Problem, refuse, some_of
 from qsframework.experiment import Experiment, Frame

@@ -10,7 +10,7 @@ from pathlib import Path
 from qsframework.cli.commands import distinct_outputs, write_json
 from qsframework.cli.kinds import kind
 from qsframework.cli.printing import print_folded, print_table
-from qsframework.cli.progress import steps
+from qsframework.cli.progress import progress, steps
 from qsframework.errors import InputError, Problem, QsfError, all_of
 from qsframework.experiment import (
     Experiment,
@@ -21,7 +21,7 @@ from qsframework.experiment import (
 from qsframework.robot import Robot, load_robot, robot_names
 from qsframework.robot.findings import robot_findings
 from qsframework.robot.search import shadows
-from qsframework.robot.statics import WEIGHTLESS
+from qsframework.robot.statics import WEIGHTLESS, GravityCheck
 
 _READ_BY = {
     "plan": "qsf simulate EXPERIMENT PLAN reads it, with its constraints.",
@@ -133,9 +133,9 @@ def _of_robot(robot: Robot) -> tuple[Line, ...]:
 
 def experiment_lines(experiment: Experiment, readings: Readings) -> list[Line]:
     """What the readings say of themselves, and what is wrong with them."""
-    from qsframework.applications.closure import check_states
     from qsframework.identify import identify
     from qsframework.screening import FILES, STAND_OUT, find_mistakes
+    from qsframework.screening.closure import check_states
 
     lines: list[Line] = [(c.good, c.kind, c.words) for c in check_states(experiment, readings)]
     lines += [(None, "reads", said) for said in readings.about_reads]
@@ -171,3 +171,23 @@ def _report(checked: Sequence[Checked], report: Path) -> None:
     files = [path for c in checked if c.experiment is not None for path in (c.experiment.path, *c.data)]
     own = robots_computed([c.robot for c in checked], files)
     print(f"report: {write_report(report, 'Check', [*sections, own])}")
+
+
+def run_conformance(files: Sequence[Path]) -> None:
+    """Try every robot with everything; InputError that lists what did not hold."""
+    from qsframework.applications.conformance import check_robot
+
+    failed: list[str] = []
+    for file in files:
+        with progress() as tell:
+            checks = check_robot(file, progress=tell)
+        failed += [f"{file}: {words}" for words in print_checks(checks)]
+    if failed:
+        raise InputError([Problem(words) for words in failed])
+
+
+def print_checks(checks: Sequence[GravityCheck]) -> list[str]:
+    """Print what was found of a robot; what did not hold."""
+    for check in checks:
+        print_folded(f"  {'ok' if check.good else 'NO'}  {check.name}: {check.words}")
+    return [f"{check.name}: {check.words}" for check in checks if not check.good]

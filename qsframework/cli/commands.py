@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from qsframework.cli.printing import print_folded
 from qsframework.errors import InputError, Problem
-from qsframework.files import write_text
+from qsframework.files import read_text, write_text
 from qsframework.files.formats import FORMAT
 
 if TYPE_CHECKING:
@@ -43,6 +43,19 @@ def load_plan(path: Path, experiment: Experiment) -> Plan:
     if parts := changed_since(path, experiment):
         words = f"the {' and the '.join(parts)} changed since {path} was made"
         print_folded(f"note: {words}: its proof is of another campaign; qsf design makes it anew")
+    return plan
+
+
+def plan_of(file: Path, experiment: Experiment) -> Plan:
+    """A plan for the real robot: InputError where it, or the proof beside it, names another robot."""
+    plan, proof, name = load_plan(file, experiment), file.with_suffix(".json"), experiment.robot.name
+    if proof.is_file():
+        named = jsonlib.loads(read_text(proof)).get("robot", name)
+        if named != name:
+            hint = "Name the experiment of the robot that the plan was made for."
+            raise InputError(
+                Problem("the plan is of another robot", str(proof), found=str(named), allowed=name, hint=hint)
+            )
     return plan
 
 

@@ -10,8 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from qsframework.applications.compensate import Compensation, compensate
-from qsframework.applications.programmes.reading import ENDINGS, programme_files
-from qsframework.applications.programmes.targets import (
+from qsframework.applications.programme_targets import (
     ProgrammeOptions,
     ProgrammeTargets,
     corrected_texts,
@@ -30,6 +29,7 @@ from qsframework.files.output import write_bytes
 from qsframework.identify import FitRecord, read_fit
 from qsframework.identify.soundness import check_fit
 from qsframework.plugin import Array
+from qsframework.plugin.language import endings, is_programme, programme_files
 
 _SHOWN = 20
 _DIFF = 120
@@ -43,10 +43,10 @@ def run_compensate(
 
     options: what was typed for those of a programme
     """
-    programme = files.targets.suffix.lower() in ENDINGS
+    programme = is_programme(files.targets)
     if any(options.values()) and not programme:
         hint = "A table of targets has columns for the forces; the other options are for programmes."
-        raise InputError(Problem("is no programme", str(files.targets), allowed=", ".join(ENDINGS), hint=hint))
+        raise InputError(Problem("is no programme", str(files.targets), allowed=", ".join(endings()), hint=hint))
     inputs = [files.experiment, files.fit, files.targets]
     outputs = [files.output]
     if programme:
@@ -122,8 +122,7 @@ def programme_outputs(files: CompensateFiles) -> list[Path]:
 
 def programme_options(options: Values, experiment: Experiment) -> ProgrammeOptions:
     """What was typed, as numbers. InputError where it is none."""
-    from qsframework.cli.export import home_pose
-    from qsframework.cli.numbers import numbers, wrench_of
+    from qsframework.cli.numbers import home_pose, numbers, wrench_of
 
     loads: dict[str, Array] = {}
     for text in options["loads"]:

@@ -108,35 +108,3 @@ class CompensateFiles:
     output: Annotated[Path, Option("The corrected targets.", short="o")] = CORRECTED
     json: Json = None
     report: Report = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class ImportFiles:
-    """look: show what would be taken for what, and write nothing."""
-
-    experiment: ExperimentFile
-    files: Annotated[
-        tuple[Path, ...],
-        typer.Argument(
-            help="Point lists, and a joint log: CSV, text or Excel, as they were exported.", show_default=False
-        ),
-    ]
-    plan: Annotated[
-        Path | None, Option("plan.csv, or the table to fill in of qsf protocol.", short="p", group="Files")
-    ] = None
-    mapping: Annotated[Path | None, Option("YAML with columns, units and names.")] = None
-    output: Annotated[Path, Option("The readings.", short="o", group="Output")] = Path("readings.csv")
-    look: Annotated[bool, Option("Show the column mapping, and write nothing.")] = False
-    json: Json = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class DayFiles:
-    """The folder of the session; watch: a folder of the tracker's files."""
-
-    experiment: ExperimentFile
-    plan: PlanFile
-    folder: Annotated[
-        Path, Option("The folder of the session; an existing one is resumed.", name="output", short="o")
-    ] = Path("day")
-    watch: Annotated[Path | None, Option("Read the tracker's exports from this folder instead of the page.")] = None

@@ -8,7 +8,10 @@ from typing import Any
 
 from typer.core import TyperCommand, TyperGroup
 
+from qsframework.cli.installed import check_clash, installed_command
 from qsframework.cli.options import SHARED
+from qsframework.errors import PluginError
+from qsframework.installed import COMMANDS, entries
 from qsframework.terminal import folded, paragraphs, width
 
 _VALUES = {"int": "N", "float": "X", "path": "FILE", "file": "FILE", "Path": "FILE"}
@@ -87,12 +90,30 @@ class Command(TyperCommand):
 
 
 class CommandGroup(TyperGroup):
-    """`qsf` with its help."""
+    """`qsf` with its help, and the commands of installed packages beside its own."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Names of commands, its own first."""
+        return [*super().list_commands(ctx), *entries(COMMANDS)]
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """The command of a name; None where there is none. PluginError where two have it, or it cannot be imported."""
+        own = super().get_command(ctx, cmd_name)
+        if own is None:
+            return installed_command(cmd_name, Command)
+        check_clash(cmd_name)
+        return own
+
+    def _help_of(self, ctx: Any, name: str) -> str:
+        try:
+            return self.get_command(ctx, name).help or ""
+        except PluginError as error:
+            return f"Cannot be used: {error}"
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Usage, the commands, and the options that many of them share."""
         room = width()
-        commands = [(name, command.help or "") for name, command in self.commands.items()]
+        commands = [(name, self._help_of(ctx, name)) for name in self.list_commands(ctx)]
         shared = [(name, one.help or "") for name, one in SHARED.items() if one is not None]
         lines = ["Usage: qsf [OPTIONS] COMMAND ...", *paragraphs(self.help or "", room), "", "Commands:"]
         lines += [folded(f"  {name:<13}{words}", room, " " * 15) for name, words in commands]

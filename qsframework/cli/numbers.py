@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from qsframework.errors import InputError
+from qsframework.errors import InputError, Problem
+from qsframework.experiment import Experiment
 from qsframework.files.models import GREATEST
 from qsframework.plausible import LOADS, RANGES, too_strong
 from qsframework.plugin import Array
@@ -41,3 +42,17 @@ def wrench_of(option: str, text: str, robot: Robot) -> Array:
         allowed = f"up to {far[1]:.0f} N, {LOADS:g} times the payload of {robot.name}"
         raise InputError(f"{option}: found {far[0]:.0f} N, allowed: {allowed}")
     return np.concatenate([given, np.zeros(6 - len(given))])
+
+
+def home_pose(experiment: Experiment, text: str, option: str = "--home") -> Array:
+    """Pendant angles (n,) rad of an option."""
+    robot = experiment.robot
+    units = robot.controller.units
+    pendant = units.si(numbers(option, text, (robot.controller.axes,)))
+    outside = np.flatnonzero(robot.controller.outside(pendant[None])[0])
+    if len(outside):
+        k = int(outside[0])
+        allowed = units[k].between(*robot.controller.range_of(k))
+        message = f"{option}: {robot.facts.driven[k]} is outside its limits"
+        raise InputError(Problem(message, found=units[k].text(pendant[k]), allowed=allowed))
+    return pendant

@@ -7,19 +7,11 @@ from typing import Annotated
 
 import typer
 
-from qsframework.applications.options import (
-    ExportOptions,
-    ImportOptions,
-    ProgrammeOptions,
-    ProtocolOptions,
-    Reference,
-    VisitOptions,
-)
+from qsframework.applications.options import ProgrammeOptions, Reference
 from qsframework.cli.declared import Values
-from qsframework.cli.files import CompensateFiles, DayFiles, ImportFiles, PlanFile
+from qsframework.cli.files import CompensateFiles
 from qsframework.cli.options import Anyway, DaskAddress, ExperimentFile, Jobs, Json, Report, Trust
 from qsframework.option import Option, Seed
-from qsframework.robot.options import Arm
 
 
 def compensate(
@@ -121,63 +113,6 @@ def certificate(
         run_certificate(experiment, fit, given["readings"], output, meta, halves, seed, anyway)
 
 
-def export(
-    files: Annotated[
-        list[Path], typer.Argument(metavar="EXPERIMENT PLAN", help="experiment.yaml and plan.csv.", show_default=False)
-    ],
-    options: ExportOptions,
-    output: Annotated[Path, Option("The file; krl makes .src and .dat.", short="o", group="Programme")],
-    json: Json = None,
-    trust: Trust = False,
-) -> None:
-    """Write a plan as a robot programme, checked for collisions."""
-    from qsframework.cli.export import run_export
-    from qsframework.cli.kinds import sorted_out
-    from qsframework.errors import InputError, Problem
-
-    given = sorted_out(files, ("experiment",), "plan")
-    if [len(found) for found in given.values()] != [1, 1]:
-        raise InputError(Problem("an experiment and a plan are needed", found=" ".join(map(str, files))))
-    ((experiment,), (plan,)) = given.values()
-    run_export(plan, experiment, output, options, json)
-
-
-def protocol(
-    experiment: ExperimentFile,
-    plan: PlanFile,
-    output: Annotated[Path, Option("The sheet to print: .html, or .pdf by Chromium.", short="o")] = Path("sheet.html"),
-    readings: Annotated[Path, Option("The table to fill in.")] = Path("readings.csv"),
-    *,
-    options: ProtocolOptions,
-    trust: Trust = False,
-) -> None:
-    """Write the measuring protocol: a sheet, and a table to fill in."""
-    from qsframework.cli.protocol import run_protocol
-
-    run_protocol(experiment, plan, output, readings, options)
-
-
-def day(
-    files: DayFiles,
-    port: Annotated[int, Option("Port of the page; 0 takes any free one.", least=0)] = 8765,
-    once: Annotated[bool, Option("With --watch: read what is there, then exit.")] = False,
-    *,
-    options: VisitOptions,
-    trust: Trust = False,
-) -> None:
-    """Run the measuring session; reports mistakes at once."""
-    from qsframework.cli.day import run_day
-
-    run_day(files, ProtocolOptions(**vars(options)), port, once)
-
-
-def import_files(files: ImportFiles, options: ImportOptions, trust: Trust = False) -> None:
-    """Convert a tracker's export into readings."""
-    from qsframework.cli.importing import run_import
-
-    run_import(files, options)
-
-
 def compare(
     robots: Annotated[list[str], typer.Argument(help="Two or more robots, by name or folder.", show_default=False)],
     task: Annotated[Path, Option("task.yaml: path, map and campaign.", shown=False)],
@@ -197,28 +132,9 @@ def compare(
     run_compare(robots, task, seed, json, report, fit, Work(jobs, dask), anyway)
 
 
-def new(
-    name: Annotated[str, typer.Argument(help="The robot's name.", show_default=False)],
-    urdf: Annotated[Path | None, Option("Its URDF or xacro.")] = None,
-    dh: Annotated[Path | None, Option("Instead of a URDF, a table: a_mm, alpha_deg, d_mm, theta_deg.")] = None,
-    output: Annotated[Path | None, Option("Folder to make (default: the name).", short="o")] = None,
-    *,
-    arm: Arm,
-) -> None:
-    """Make and test a robot's folder from a URDF or a table."""
-    from qsframework.cli.new import run_new
-
-    run_new(name, urdf, dh, output, arm)
-
-
 COMMANDS = {
     "compensate": compensate,
     "kinematics": kinematics,
     "certificate": certificate,
-    "export": export,
-    "protocol": protocol,
-    "day": day,
-    "import": import_files,
     "compare": compare,
-    "new": new,
 }

@@ -9,6 +9,11 @@ from qsframework.option import Option, Options
 
 STARTS = 30
 
+Order = Annotated[
+    str, Option("random (separates drift), shortest, or as in the plan.", choices=("shortest", "random", "plan"))
+]
+RepeatShare = Annotated[float, Option("Fraction of the poses visited twice.", least=0, most=1)]
+
 CriterionName = Annotated[
     str,
     Option(

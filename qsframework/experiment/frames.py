@@ -13,7 +13,7 @@ from typing import Annotated
 import numpy as np
 import pydantic
 
-from qsframework.elastostatics.so3 import exponential, rotation_vector
+from qsframework.elastostatics.so3 import cross_matrix, exponential, rotation_vector
 from qsframework.errors import InputError
 from qsframework.files import FileRecord, Lists, Unit
 from qsframework.plugin import Array, Parameter
@@ -116,3 +116,8 @@ def check_spread(points: Array, readings: Array, series: str, where: str) -> Non
                 "line; measure poses that move the markers in all directions, or state the frame (frames: in the "
                 "experiment)"
             )
+
+
+def motion_rows(arms: Array) -> Array:
+    """What a shift and a small turn (6,) do to points at arms (N, 3) from where it turns: (3 N, 6)."""
+    return np.concatenate([np.tile(np.eye(3), (len(arms), 1, 1)), -cross_matrix(arms)], axis=2).reshape(-1, 6)

@@ -31,6 +31,8 @@ from qsframework.plugin import Array
 from qsframework.plugin.facts import frozen
 
 STATES = ("unloaded", "loaded")
+HALF_LOAD = "half of "
+"""Before the name of a load of which half is hung."""
 MOVED, ALONG = ("dx", "dy", "dz"), ("ux", "uy", "uz")
 _LARGEST_DISPLACEMENT = 0.1
 _FARTHEST = RANGES["m"].most
@@ -282,3 +284,8 @@ def _in_base(readings: Readings, experiment: Experiment) -> Readings:
 
 def _cell(value: float) -> str:
     return number(value * 1e3) if np.isfinite(value) else ""
+
+
+def floor_file(readings: Path) -> Path:
+    """The table of the floor's reflectors that belongs to a file of readings."""
+    return readings.with_name(f"{readings.stem}_floor.csv")

@@ -58,6 +58,11 @@ def sample_robot() -> RobotFacts:
     )
 
 
+def cuts(length: int) -> range:
+    """Where files of examples are cut off: at 40 places, so that each part of a head is met."""
+    return range(0, length, length // 40 or 1)
+
+
 @dataclass(frozen=True)
 class Report:
     """The names of the checks that held, and what did not."""
@@ -77,6 +82,17 @@ class Report:
             said = str(error) if isinstance(error, InputError | PluginError) else f"{type(error).__name__}: {error}"
             self.record(label, False, said)
             return None
+
+    def bears(self, label: str, job: Callable[[], Any]) -> None:
+        """Whether a job with a spoilt file gives anything, or an InputError."""
+        try:
+            job()
+        except InputError:
+            pass
+        except Exception as error:  # whatever a stranger's code does
+            self.record(label, False, f"{type(error).__name__}: {error}")
+            return
+        self.record(label, True)
 
     def law(self, label: str, function: Function, at: Array, slope: Any = None, size: Array | None = None) -> None:
         """A law, a function of the variable `at`: pure, finite, and with this derivative if there is one."""

@@ -1,44 +1,32 @@
-"""Finding effects by name: built-ins and third parties both, by the entry points `qsframework.effects`."""
+"""Finding effects by name, built-ins and third parties both."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from functools import cache
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint
 from types import MappingProxyType
 
 from qsframework.errors import InputError, PluginError, Problem, nearest
+from qsframework.installed import EFFECTS, entries, label, load
 from qsframework.plugin.kinds import Effect
-
-GROUP = "qsframework.effects"
 
 
 @cache
 def registry() -> Mapping[str, type[Effect]]:
-    """All installed effects by name. Raises PluginError if two packages claim one name."""
-    found: dict[str, type[Effect]] = {}
-    for name, effect in _load():
-        if name in found and found[name] is not effect:
-            raise PluginError(f"effect {name!r} is registered twice: {found[name].__module__} and {effect.__module__}")
-        found[name] = effect
-    return MappingProxyType(dict(sorted(found.items())))
+    """All installed effects by name. Raises PluginError if two packages claim one name, or one is no effect."""
+    return MappingProxyType({name: _effect(entry) for name, entry in entries(EFFECTS).items()})
 
 
-def _load() -> Iterator[tuple[str, type[Effect]]]:
-    for entry in entry_points(group=GROUP):
-        try:
-            effect = entry.load()
-        except Exception as error:  # a third party's module may fail in any way
-            raise PluginError(f"effect {entry.name!r} ({entry.value}) cannot be imported: {error}") from error
-        if not (isinstance(effect, type) and issubclass(effect, Effect)):
-            raise PluginError(f"effect {entry.name!r} ({entry.value}) is not a subclass of an effect kind")
-        if effect.effect_name() != entry.name:
-            raise PluginError(
-                f"effect {entry.name!r} ({entry.value}) calls itself {effect.effect_name()!r}; "
-                "the entry point's name and the class must agree"
-            )
-        yield entry.name, effect
+def _effect(entry: EntryPoint) -> type[Effect]:
+    effect = load(entry)
+    if not (isinstance(effect, type) and issubclass(effect, Effect)):
+        raise PluginError(f"{label(entry)} is not a subclass of an effect kind")
+    if effect.effect_name() != entry.name:
+        words = f"{label(entry)} calls itself {effect.effect_name()!r}"
+        raise PluginError(f"{words}; the entry point's name and the class must agree")
+    return effect
 
 
 def with_role(role: str) -> tuple[type[Effect], ...]:

@@ -35,7 +35,7 @@ def write_report(path: str | Path, title: str, sections: Sequence[Section], verd
     folds = any(s.folded for s in sections) or any(not isinstance(b, Text | Lines | ReportTable) for b in blocks)
     plotly = _plotly() if any(isinstance(b, Figure) for b in blocks) else ""
     content = {"title": title, "sections": drawn, "verdict": verdict, "plotly": plotly, "folds": folds}
-    return write_page(path, rendered("report.html.j2", {"whole": _whole}, **content))
+    return write_page(path, rendered("report.html.j2", {"whole": _whole}, content))
 
 
 def _plotly() -> str:

@@ -30,15 +30,17 @@ _HEADLESS = (
     "no-pdf-header-footer",
 )
 _PATIENCE = 180.0
+_OWN = "qsframework.report"
 
 
-def rendered(template: str, filters: Mapping[str, Callable[[str], Any]], **content: Any) -> str:
-    """A page by its template."""
+def rendered(
+    template: str, filters: Mapping[str, Callable[[str], Any]], content: Mapping[str, Any], package: str = _OWN
+) -> str:
+    """A page by its template; package: that holds it, beside the templates of reports."""
     import jinja2
 
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("qsframework.report"), autoescape=True, undefined=jinja2.StrictUndefined
-    )
+    loader = jinja2.ChoiceLoader([jinja2.PackageLoader(name) for name in (package, _OWN)])
+    environment = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined)
     environment.filters.update(filters)
     return environment.get_template(template).render(**content)
 

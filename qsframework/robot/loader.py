@@ -24,9 +24,8 @@ from qsframework.robot.controller import Controller, joint_limits, read_actuated
 from qsframework.robot.model import build_model, read_branches, read_facts, read_frames, read_meshes, read_shapes
 from qsframework.robot.packages import inside
 from qsframework.robot.robot import LinkFrame, Robot
-from qsframework.robot.scaffold_text import coupling_text
 from qsframework.robot.search import ROBOT_NAME, find_robot, is_file
-from qsframework.robot.spec import RobotSpec, read_effects, read_nominal
+from qsframework.robot.spec import RobotSpec, coupling_text, read_effects, read_nominal
 from qsframework.robot.urdf import Urdf, read_urdf
 
 if TYPE_CHECKING:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import radians
+from math import degrees, radians
 from typing import Annotated, Any
 
 import numpy as np
@@ -20,6 +22,12 @@ from qsframework.plugin.loops import loop_problems, with_branches
 from qsframework.plugin.registry import suggestion
 from qsframework.plugin.settings import twice_hint
 from qsframework.robot.named_files import entry_effects
+from qsframework.robot.urdf import Mimic
+
+PROPOSED = "assumed by qsf new"
+"""How the source of a value begins that stands in nominal.yaml until somebody states one."""
+_WORDS = ("y", "n", "yes", "no", "on", "off", "true", "false", "null")
+"""That YAML does not read as text."""
 
 
 class JointSpec(FileModel):
@@ -234,3 +242,15 @@ class _Entry:
     def problem(self, message: str, *keys: str, **more: Any) -> None:
         text = f"{self.parameter.name}: {message}"
         self.problems.append(self.document.problem(text, self.parameter.name, *keys, **more))
+
+
+def coupling_text(joint: str, mimic: Mimic) -> str:
+    """The entry of `effects:` for a URDF's mimic."""
+    offset = f", offset_deg: {degrees(mimic.offset):.10g}" if mimic.offset else ""
+    follows = f"{{{yaml_key(mimic.joint)}: {mimic.multiplier:.10g}}}"
+    return f"{{effect: coupling, joint: {yaml_key(joint)}, follows: {follows}{offset}}}"
+
+
+def yaml_key(name: str) -> str:
+    """A name as YAML reads it back: plain where it can be."""
+    return name if re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII) and name.lower() not in _WORDS else json.dumps(name)

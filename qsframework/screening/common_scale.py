@@ -24,7 +24,7 @@ from qsframework.estimation.tails import chi2_sf, normal_isf
 from qsframework.hypotheses.hypothesis import Hypothesis
 from qsframework.hypotheses.linearized import Linearized
 from qsframework.plugin import Array, Spring
-from qsframework.robot.scaffold_text import PROPOSED
+from qsframework.robot.spec import PROPOSED
 from qsframework.screening.conventions import compared
 from qsframework.screening.mistake import Mistake
 

@@ -11,15 +11,19 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from qsframework.files import sha256
+from qsframework.installed import EFFECTS
 
 
 @functools.cache
 def versions() -> dict[str, str]:
     """Python, the libraries, third parties' effects, and this package's own sources, each by its name."""
-    found = {e.dist.name: e.dist.version for e in entry_points(group="qsframework.effects") if e.dist is not None}
+    effects = [(e.module.partition(".")[0], e.dist) for e in entry_points(group=EFFECTS) if e.dist is not None]
+    found = {dist.name: dist.version for _, dist in effects}
     found |= {name: version(name) for name in ("numpy", "scipy", "pin", "qsframework")}
     digest = hashlib.sha256()
-    for spec in filter(None, map(find_spec, ("qsframework", "qsf_plugins"))):
+    for spec in filter(
+        None, map(find_spec, sorted({"qsframework", *(own for own, dist in effects if dist.name == "qsframework")}))
+    ):
         folder = Path((spec.submodule_search_locations or ["."])[0])
         for path in sorted(folder.rglob("*.py")):
             digest.update(f"{path.relative_to(folder).as_posix()} {sha256(path)}\n".encode())

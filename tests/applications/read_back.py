@@ -9,13 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from qsframework.applications.controller_files import plain
-from qsframework.applications.programme import Programme, load_name
-from qsframework.applications.programmes.poses import POSES
-from qsframework.applications.programmes.reading import MAKERS, parse_source, read_source
-from qsframework.applications.programmes.source import Source
+from qsf_controllers.writing import plain
+from qsframework.design.programme import Programme, load_name
 from qsframework.experiment import Plan
 from qsframework.plugin import Array
+from qsframework.plugin.language import endings as known_endings, languages, parse_source, read_source
+from qsframework.plugin.source import Source
 from qsframework.units import JointUnits
 
 _FASTEST = float(np.deg2rad(120.0))
@@ -102,7 +101,9 @@ def read_export(path: Path) -> Parsed:
 def parse(ending: str, *texts: str) -> Parsed:
     """The same of texts."""
     endings = (".src", ".dat") if ending == ".src" else (ending,)
-    return parsed(parse_source(MAKERS[ending], {Path(f"way{e}"): t for e, t in zip(endings, texts, strict=True)}, {}))
+    return parsed(
+        parse_source(known_endings()[ending], {Path(f"way{e}"): t for e, t in zip(endings, texts, strict=True)}, {})
+    )
 
 
 _ROBOT, _AXES = re.compile(r"robot (\S+)"), re.compile(r"axes ((?:[A-Z]\d ?)+)")
@@ -113,7 +114,7 @@ _WAITS = {"WAIT": 0, "WAITTIME": 0, "SLEEP": 0, "PAUSE": None, "HALT": None, "ST
 
 def parsed(source: Source) -> Parsed:
     """What the reader of programmes finds in a file of `qsf export`, stop by stop."""
-    points, convention = {p.name: p for p in source.points}, POSES[source.maker]
+    points, convention = {p.name: p for p in source.points}, languages()[source.language].pose
     motions = {m.statement.tokens[-1]: m for m in source.motions if not m.stands}
     remarks = [said for s in source.lines if (said := s.remark) is not None]
     robot = next((m[1] for said in remarks if (m := _ROBOT.fullmatch(said))), "")
@@ -131,17 +132,17 @@ def parsed(source: Source) -> Parsed:
             point = points[motion.points[0]]
             axes = order or [f"{convention.letter}{k}" for k in range(1, 1 + sum(k[0] != "E" for k in point.cells))]
             angles = np.array([point.cells[axis].value for axis in axes]) * convention.angle
-            stops.append(Stop(*visit, angles, _speed(source.maker, words) or speed, 0.0))
+            stops.append(Stop(*visit, angles, _speed(source.language, words) or speed, 0.0))
             visit = ("", 0)
             frames.add((point.tool, point.frame))
         elif words[0] in _WAITS:
             seconds = [float(t.text) for t in statement.tokens if t.kind == "number"]
             stops[-1] = stops[-1].waiting(None if _WAITS[words[0]] is None else seconds[0])
-        elif (named := _SPEEDS.get(source.maker)) in words:
-            speed = int(words[words.index(named) + 5 if source.maker == "kuka" else words.index(named) + 1])
+        elif (named := _SPEEDS.get(source.language)) in words:
+            speed = int(words[words.index(named) + 5 if source.language == "kuka" else words.index(named) + 1])
     if not robot or len(frames) != 1:
         raise ValueError("is no programme of `qsf export`, or states more than one tool or frame")
-    return Parsed(robot, tuple(stops), *(("", "") if source.maker == "ur" else frames.pop()))
+    return Parsed(robot, tuple(stops), *(("", "") if source.language == "ur" else frames.pop()))
 
 
 def _speed(maker: str, words: list[str]) -> int:

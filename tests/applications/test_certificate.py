@@ -12,7 +12,7 @@ from remembered import diagnose
 from typer.testing import CliRunner
 
 from qsframework.applications.certificate import MetaSpec, certify, read_meta
-from qsframework.cli.main import app
+from qsframework.cli.app import app
 from qsframework.diagnose import Diagnosis
 from qsframework.errors import InputError
 from qsframework.estimation import FitOptions

@@ -13,8 +13,8 @@ import pytest
 from remembered import diagnose
 from typer.testing import CliRunner
 
-from qsframework.cli.day import certificate_of
-from qsframework.cli.main import app
+from qsf_day.run import certificate_of
+from qsframework.cli.app import app
 from qsframework.errors import InputError
 from qsframework.experiment import load_experiment, read_readings
 

@@ -15,7 +15,7 @@ from qsframework.applications.inverse import reach, tool_of
 from qsframework.applications.robot_from_fit import with_fit
 from qsframework.applications.stiffness import stiffness_at
 from qsframework.applications.task import Task, load_task
-from qsframework.cli.main import app
+from qsframework.cli.app import app
 from qsframework.design import DesignOptions, design
 from qsframework.elastostatics import equilibrium
 from qsframework.errors import InputError

@@ -15,7 +15,7 @@ from qsframework.applications.compensate import Compensation, compensate, tip_sl
 from qsframework.applications.inverse import TipPose, pose_error, rigid_tip
 from qsframework.applications.stiffness import spring_shares
 from qsframework.applications.targets import Targets, flange_pose, joint_targets, read_targets
-from qsframework.cli.main import app
+from qsframework.cli.app import app
 from qsframework.elastostatics import equilibrium, make_model
 from qsframework.elastostatics.so3 import rotation_vector
 from qsframework.errors import InputError

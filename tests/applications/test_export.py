@@ -14,14 +14,17 @@ import pytest
 from read_back import parse, read_export
 from typer.testing import CliRunner
 
-from qsframework.applications import path_check, programme as programme_module
-from qsframework.applications.controller_files import write_fanuc, write_krl, write_rapid, write_urscript
-from qsframework.applications.export import FORMATS, export
+from qsf_controllers.export import export
+from qsf_controllers.fanuc import write_fanuc
+from qsf_controllers.krl import write_krl
+from qsf_controllers.rapid import write_rapid
+from qsf_controllers.urscript import write_urscript
 from qsframework.applications.inverse import rigid_tip
-from qsframework.applications.ordering import shortest_path, travel, visits, way_length
-from qsframework.applications.path_check import Surroundings, find_way, stretch
-from qsframework.applications.programme import Move, Programme, make_programme
-from qsframework.cli.main import app
+from qsframework.cli.app import app
+from qsframework.design import path_check, programme as programme_module
+from qsframework.design.ordering import shortest_path, travel, visits, way_length
+from qsframework.design.path_check import Surroundings, find_way, stretch
+from qsframework.design.programme import Move, Programme, make_programme
 from qsframework.elastostatics import actuator_torques
 from qsframework.errors import InputError
 from qsframework.experiment import Constraints, Experiment, Plan, example, load_experiment, make_plan, write_plan
@@ -29,6 +32,8 @@ from qsframework.experiment.constraints import Sight
 from qsframework.plugin import Array, Poses
 from qsframework.robot.collision import above_floor, make_collider
 from qsframework.robot.kinematics import joint_frames
+
+EVERY = ("fanuc-ls", "krl", "rapid", "urscript", "csv")
 
 ENDING = {"fanuc-ls": ".ls", "krl": ".src", "rapid": ".mod", "urscript": ".script", "csv": ".csv"}
 CHANGES = {
@@ -163,7 +168,7 @@ def test_no_way_is_told(cell: Experiment, plan: Plan, monkeypatch: pytest.Monkey
         make_programme(cell, plan, "plan", file="plan.csv")
 
 
-@pytest.mark.parametrize("to", FORMATS)
+@pytest.mark.parametrize("to", EVERY)
 @pytest.mark.parametrize("pause", [12.5, None])
 def test_round_trip(programme: Programme, plan: Plan, tmp_path: Path, to: str, pause: float | None) -> None:
     made = replace(programme, pause=pause, speed=15, title="an arm")
@@ -178,7 +183,7 @@ def test_round_trip(programme: Programme, plan: Plan, tmp_path: Path, to: str, p
     assert np.allclose([back[p] for p in plan.pose], plan.pendant, atol=np.deg2rad(1e-4), rtol=0.0)
 
 
-@pytest.mark.parametrize("to", FORMATS)
+@pytest.mark.parametrize("to", EVERY)
 def test_a_changed_file_is_seen(cell: Experiment, plan: Plan, programme: Programme, tmp_path: Path, to: str) -> None:
     """One digit of an angle, a missing stop, another robot, another speed: the reader tells each."""
     files = export(replace(programme, title=""), to, tmp_path / f"way{ENDING[to]}")
@@ -214,7 +219,7 @@ WAITS = {
 }
 
 
-@pytest.mark.parametrize("to", FORMATS)
+@pytest.mark.parametrize("to", EVERY)
 @pytest.mark.parametrize("pause", [10.0, None])
 def test_a_load_is_named_once_the_arm_has_stopped(
     m900ib: Experiment, tmp_path: Path, to: str, pause: float | None
@@ -589,7 +594,7 @@ def positions_plan(plan: Plan) -> Plan:
     return replace(plan, wrench=np.zeros_like(plan.wrench), load=("",) * 14, repeats=(1,) * 14, station=stands)
 
 
-@pytest.mark.parametrize("to", FORMATS)
+@pytest.mark.parametrize("to", EVERY)
 def test_a_plan_of_positions_says_where_the_tracker_moves_and_nothing_of_weights(
     cell: Experiment, plan: Plan, tmp_path: Path, to: str
 ) -> None:

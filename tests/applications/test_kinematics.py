@@ -24,7 +24,7 @@ from qsframework.applications.kinematics import (
     write_table,
     write_ur,
 )
-from qsframework.cli.main import app
+from qsframework.cli.app import app
 from qsframework.elastostatics import Site, make_model
 from qsframework.elastostatics.so3 import exponential, from_quaternion
 from qsframework.errors import InputError

@@ -13,9 +13,7 @@ import pytest
 from count_motions import count_motions, without_numbers
 
 from qsframework.applications.compensate import compensate
-from qsframework.applications.programmes.poses import POSES, matrix, numbers_of
-from qsframework.applications.programmes.reading import MAKERS
-from qsframework.applications.programmes.targets import (
+from qsframework.applications.programme_targets import (
     ProgrammeOptions,
     ProgrammeTargets,
     corrected_texts,
@@ -23,6 +21,8 @@ from qsframework.applications.programmes.targets import (
 )
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, load_experiment
+from qsframework.plugin.language import endings, languages
+from qsframework.plugin.poses import matrix, numbers_of
 from tests.applications.test_compensate import exact_fit, known
 
 FOLDER = Path(__file__).parent / "listings"
@@ -123,7 +123,7 @@ def test_the_record_has_the_sums() -> None:
 
 @pytest.mark.parametrize("name", LISTINGS)
 def test_every_motion_is_accounted_for(name: str, cell: Callable[[str], Experiment]) -> None:
-    path, maker = FOLDER / name, MAKERS[Path(name).suffix]
+    path, maker = FOLDER / name, endings()[Path(name).suffix]
     experiment, own = cell(maker), count_motions(path.suffix, decoded(path.read_bytes()))
     made, first = followed(path, experiment, maker)
     assert first == {k: int(v) for k, v in COUNTS[name].items() if k != "programme"}
@@ -149,7 +149,7 @@ def test_every_motion_is_accounted_for(name: str, cell: Callable[[str], Experime
 def test_corrected_poses_are_read_back_as_the_places_that_were_meant(
     name: str, cell: Callable[[str], Experiment], tmp_path: Path
 ) -> None:
-    maker = MAKERS[Path(name).suffix]
+    maker = endings()[Path(name).suffix]
     experiment = cell(maker)
     made, _ = followed(FOLDER / name, experiment, maker)
     assert made is not None
@@ -173,17 +173,19 @@ def test_rotations_are_those_of_each_controller() -> None:
             [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
         ]
     )
-    place = matrix(POSES["abb"], np.array([100.0, 200.0, 300.0, w, x, y, z]))
+    place = matrix(languages()["abb"].pose, np.array([100.0, 200.0, 300.0, w, x, y, z]))
     assert np.allclose(place[:3, :3], by_hand, atol=1e-12)
     assert np.allclose(place[:3, 3], [0.1, 0.2, 0.3])
     angle = 2.0 * np.arccos(w)
     vector = angle * np.array([x, y, z]) / np.sin(angle / 2.0)
-    assert np.allclose(matrix(POSES["ur"], np.array([0.1, 0.2, 0.3, *vector])), place, atol=1e-12)
+    assert np.allclose(matrix(languages()["ur"].pose, np.array([0.1, 0.2, 0.3, *vector])), place, atol=1e-12)
     other = vector * (1.0 - 2.0 * np.pi / angle)
     for own in (vector, other):
-        shown = numbers_of(POSES["ur"], place, dict(zip(POSES["ur"].axes, [0.1, 0.2, 0.3, *own], strict=True)))
+        shown = numbers_of(
+            languages()["ur"].pose, place, dict(zip(languages()["ur"].pose.axes, [0.1, 0.2, 0.3, *own], strict=True))
+        )
         assert np.allclose(list(shown.values()), [0.1, 0.2, 0.3, *own], atol=1e-9)
     for sign in (1.0, -1.0):
-        own = dict(zip(POSES["abb"].axes, [0.0, 0.0, 0.0, *(sign * np.array([w, x, y, z]))], strict=True))
-        shown = numbers_of(POSES["abb"], place, own)
+        own = dict(zip(languages()["abb"].pose.axes, [0.0, 0.0, 0.0, *(sign * np.array([w, x, y, z]))], strict=True))
+        shown = numbers_of(languages()["abb"].pose, place, own)
         assert np.allclose(list(shown.values()), [100.0, 200.0, 300.0, *(sign * np.array([w, x, y, z]))], atol=1e-9)

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from qsframework.cli.app import app
 from qsframework.cli.commands import distinct_outputs
-from qsframework.cli.main import app
 from qsframework.errors import InputError
 from qsframework.experiment import example
 
@@ -18,11 +18,11 @@ WORK = ["--pose", "0,20,-20,0,-60,0", "--load", "0,0,-2000"]
 COMMANDS = {
     "design": (["design", M900IB, "-n", "8"], ("-o", "--json", "--report"), "qsframework.cli.design.design"),
     "simulate": (["simulate", M900IB, TABLE5], ("-o", "--json", "--report"), "qsframework.experiment.simulate"),
-    "protocol": (["protocol", M900IB, TABLE5], ("-o", "--readings"), "qsframework.cli.protocol.make_protocol"),
+    "protocol": (["protocol", M900IB, TABLE5], ("-o", "--readings"), "qsf_day.run_protocol.make_protocol"),
     "export": (
         ["export", M900IB, TABLE5, "--to", "csv"],
         ("-o", "--json"),
-        "qsframework.cli.export.make_programme",
+        "qsf_controllers.run.make_programme",
     ),
     "compensate": (
         ["compensate", M900IB, "fit.json", "targets.csv"],

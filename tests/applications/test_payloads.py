@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from qsframework.applications.programme import check_plan, make_programme
-from qsframework.applications.protocol import make_protocol
-from qsframework.cli.main import app
+from qsf_day.protocol import make_protocol
+from qsframework.cli.app import app
+from qsframework.design.programme import check_plan, make_programme
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Plan, example, load_experiment, make_plan, read_readings, write_plan
 from qsframework.plugin import Array, Poses

@@ -11,14 +11,14 @@ from typer.testing import CliRunner
 
 from qsframework.applications.compensate import compensate
 from qsframework.applications.inverse import rigid_tip
-from qsframework.applications.programmes.reading import read_source
-from qsframework.applications.programmes.source import skeleton
-from qsframework.applications.programmes.targets import ProgrammeOptions, corrected_texts, read_programme
+from qsframework.applications.programme_targets import ProgrammeOptions, corrected_texts, read_programme
 from qsframework.applications.targets import joint_targets
-from qsframework.cli.main import app
+from qsframework.cli.app import app
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, load_experiment, make_plan, write_plan
 from qsframework.plugin import Array, Poses
+from qsframework.plugin.language import read_source
+from qsframework.plugin.source import skeleton
 from tests.applications.test_compensate import exact_fit
 
 LS = """/PROG  DRILL
@@ -369,7 +369,7 @@ def test_the_command(m900ib: Experiment, tmp_path: Path) -> None:
         assert isinstance(wrong.exception, InputError)
         assert words in str(wrong.exception)
     table = CliRunner().invoke(app, [*arguments[:3], "targets.csv", *stated])
-    assert "is no programme; allowed: .ls, .src, .dat, .mod" in str(table.exception)
+    assert "is no programme; allowed: .mod, .prg, .sys, .ls, .src, .dat, .script" in str(table.exception)
 
 
 EXT = """DEF EXT( )

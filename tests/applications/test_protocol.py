@@ -14,19 +14,18 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from qsframework.applications.closure import ClosureCheck, check_states
-from qsframework.applications.inverse import rigid_tip
-from qsframework.applications.ordering import with_repeats
-from qsframework.applications.programme import make_programme
-from qsframework.applications.protocol import (
+from qsf_day.options import ProtocolOptions
+from qsf_day.protocol import (
     Protocol,
-    ProtocolOptions,
-    floor_file,
     make_protocol,
     write_floor_file,
     write_reading_file,
 )
-from qsframework.cli.main import app
+from qsf_day.sheet import Commands, SheetFiles, write_sheet
+from qsframework.applications.inverse import rigid_tip
+from qsframework.cli.app import app
+from qsframework.design.ordering import with_repeats
+from qsframework.design.programme import make_programme
 from qsframework.elastostatics import Site
 from qsframework.errors import InputError
 from qsframework.experiment import (
@@ -34,6 +33,7 @@ from qsframework.experiment import (
     Plan,
     Readings,
     differences,
+    floor_file,
     load_experiment,
     make_plan,
     read_readings,
@@ -41,8 +41,8 @@ from qsframework.experiment import (
 )
 from qsframework.identify import identify
 from qsframework.plugin import Array, Poses
-from qsframework.report.protocol_section import Commands, SheetFiles, write_sheet
 from qsframework.robot import load_robot
+from qsframework.screening.closure import ClosureCheck, check_states
 from qsframework.viz.sketch import hull, sketches
 from tests.headless import browser, open_page
 

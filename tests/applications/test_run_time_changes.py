@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from qsframework.applications.programmes.reading import read_source
+from qsframework.plugin.language import read_source
 
 KRL = "DEF drill( )\nPTP XP1\n{}\nLIN XP2\n{}END\n"
 KRL_DAT = """DEFDAT drill

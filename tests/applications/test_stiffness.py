@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from qsframework.applications import stiffness_at
-from qsframework.cli.main import app
+from qsframework.cli.app import app
 from qsframework.elastostatics import make_model
 from qsframework.elastostatics.so3 import rotation_vector
 from qsframework.elastostatics.state import site_in

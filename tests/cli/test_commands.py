@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from qsframework.cli.main import app, main
+from qsframework.cli.app import app, main
 from qsframework.errors import InputError
 from qsframework.experiment import example
 
@@ -271,7 +271,7 @@ def test_identify_in_one_step_with_all_its_files(tmp_path, capsys) -> None:  # t
 def test_identify_options_reach_the_fit(tmp_path) -> None:  # type: ignore[no-untyped-def]
     from typer.testing import CliRunner
 
-    from qsframework.cli.main import app
+    from qsframework.cli.app import app
     from qsframework.experiment import example
     from qsframework.identify import read_fit
 

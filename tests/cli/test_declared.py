@@ -12,16 +12,19 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from qsframework.applications.options import ExportOptions, ImportOptions, ProgrammeOptions, ProtocolOptions
+from qsf_controllers.options import ExportOptions
+from qsf_day.options import ProtocolOptions
+from qsf_onboarding.options import Arm
+from qsf_trackers.options import ImportOptions
+from qsframework.applications.options import ProgrammeOptions
+from qsframework.cli.app import every_command
 from qsframework.cli.declared import Values, expanded
 from qsframework.cli.help import Command
-from qsframework.cli.main import app
 from qsframework.design.options import DesignOptions
 from qsframework.diagnose.options import DiagnoseOptions
 from qsframework.errors import InputError
 from qsframework.estimation.options import FitOptions
 from qsframework.option import Option, Options, Seed, hints_of, option_of
-from qsframework.robot.options import Arm
 
 RECORDS = {
     "design": DesignOptions,
@@ -147,8 +150,7 @@ def test_what_a_robot_reads_is_handed_over_as_it_was_typed() -> None:
 @pytest.mark.parametrize("verb", RECORDS)
 def test_a_verb_has_every_option_of_its_record(verb: str) -> None:
     """With its help and its default: nothing of them stands anywhere else."""
-    command: Any = typer.main.get_command(app)
-    typed = {p.name: p for p in command.commands[verb].params}
+    typed = {p.name: p for p in every_command()[verb].params}
     for name, hint in hints_of(RECORDS[verb]).items():
         option = option_of(hint)
         if option is not None:

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import pytest
-import typer.main
 from typer.testing import CliRunner
 
-from qsframework.cli.main import app
+from qsframework.cli.app import app, every_command
 from qsframework.cli.options import SHARED
 
-GROUP: Any = typer.main.get_command(app)
+EVERY = every_command()
 
 
 def help_of(*words: str, columns: int) -> list[str]:
@@ -22,7 +19,7 @@ def help_of(*words: str, columns: int) -> list[str]:
 
 
 @pytest.mark.parametrize("columns", [80, 100])
-@pytest.mark.parametrize("command", [[], *([name] for name in GROUP.commands)], ids=" ".join)
+@pytest.mark.parametrize("command", [[], *([name] for name in EVERY)], ids=" ".join)
 def test_fits(command: list[str], columns: int) -> None:
     lines = help_of(*command, columns=columns)
     assert len(lines) <= 45
@@ -30,10 +27,10 @@ def test_fits(command: list[str], columns: int) -> None:
     assert not any(line.strip() in ("Options:", "Arguments:") and not lines[i + 1] for i, line in enumerate(lines[:-1]))
 
 
-@pytest.mark.parametrize("command", GROUP.commands)
+@pytest.mark.parametrize("command", EVERY)
 def test_names_every_option(command: str) -> None:
     text = "\n".join(help_of(command, columns=100))
-    assert all(p.opts[0] in text for p in GROUP.commands[command].params if p.param_type_name == "option")
+    assert all(p.opts[0] in text for p in EVERY[command].params if p.param_type_name == "option")
 
 
 def test_common_options_are_explained_once() -> None:

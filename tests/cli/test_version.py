@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from qsframework.cli.app import app
 from qsframework.cli.kinds import kind, sorted_out, the_fit
-from qsframework.cli.main import app
 from qsframework.errors import InputError
 from qsframework.experiment import example
 

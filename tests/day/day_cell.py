@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from qsframework.applications.day import Day, Judged, Slot, begin, decide, enter
-from qsframework.applications.protocol import ProtocolOptions
+from qsf_day import Day, Judged, Slot, begin, decide, enter
+from qsf_day.protocol import ProtocolOptions
 from qsframework.elastostatics.so3 import exponential
 from qsframework.experiment import Experiment, Plan, make_plan
 from qsframework.experiment.simulate import prior_draws

@@ -23,9 +23,9 @@ from typing import Any
 import day_cell as cell
 import numpy as np
 
-from qsframework.applications.day import Day, Slot, begin, decide, enter
-from qsframework.applications.day.day import reread
-from qsframework.applications.day.entry import enter_file
+from qsf_day import Day, Slot, begin, decide, enter
+from qsf_day.entry import enter_file
+from qsf_day.session import reread
 from qsframework.errors import InputError, QsfError
 from qsframework.experiment import Experiment, load_experiment, read_plan, write_plan
 from qsframework.plugin import Array

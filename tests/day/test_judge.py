@@ -9,9 +9,9 @@ import day_cell as cell
 import numpy as np
 import pytest
 
-from qsframework.applications.day import Day, Slot, begin, decide, enter
+from qsf_day import Day, Slot, begin, decide, enter
+from qsf_day.words import judged_words
 from qsframework.experiment import Experiment
-from qsframework.report.words.day import judged_words
 
 
 def test_of_756_clean_readings_hardly_one_is_to_be_looked_at(m900ib: Experiment, tmp_path: Path) -> None:

@@ -23,9 +23,9 @@ import pytest
 from headless import browser
 from typer.testing import CliRunner
 
-from qsframework.applications.day import Slot, begin, enter
-from qsframework.applications.protocol import ProtocolOptions
-from qsframework.cli.main import app
+from qsf_day import Slot, begin, enter
+from qsf_day.protocol import ProtocolOptions
+from qsframework.cli.app import app
 from qsframework.experiment import Experiment, load_experiment, write_plan
 from qsframework.plugin import Array
 

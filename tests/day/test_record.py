@@ -13,16 +13,16 @@ import day_cell as cell
 import numpy as np
 import pytest
 
-from qsframework.applications.day import Day, Slot, begin, decide, enter
-from qsframework.applications.day.day import enter_floor, reread
-from qsframework.applications.day.entry import Unconfirmed, enter_file, enter_text, read_positions
-from qsframework.applications.day.record import Entry, as_json, delivery, opened
-from qsframework.applications.day.so_far import accepted, diagnosis_so_far, predicted_sd, so_far
-from qsframework.applications.protocol import ProtocolOptions
+from qsf_day import Day, Slot, begin, decide, enter
+from qsf_day.entry import Unconfirmed, enter_file, enter_text, read_positions
+from qsf_day.protocol import ProtocolOptions
+from qsf_day.record import Entry, as_json, delivery, opened
+from qsf_day.session import enter_floor, reread
+from qsf_day.so_far import accepted, diagnosis_so_far, predicted_sd, so_far
+from qsf_day.words import floor_words, so_far_words, spoilt_words
 from qsframework.design import design
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, read_readings
-from qsframework.report.words.day import floor_words, so_far_words, spoilt_words
 
 
 def played(experiment: Experiment, folder: Path, states: int, seed: int = 1) -> tuple[Day, cell.Arm]:

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from qsframework.applications.ordering import turning, visits, way_length
 from qsframework.design import broken_constraints, check_poses, design
 from qsframework.design.constraints import allowed_range, joint_range
+from qsframework.design.ordering import turning, visits, way_length
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, load_experiment, make_plan
 from qsframework.plugin import Poses

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from qsframework.cli.main import app
+from qsframework.cli.app import app
 from qsframework.diagnose import Diagnosis, diagnose, follow_up
 from qsframework.diagnose.learn import curve, dots
 from qsframework.elastostatics import beyond, range_notes

@@ -9,7 +9,7 @@ from io import StringIO
 import numpy as np
 import pytest
 
-from qsframework.cli.day import SECOND_DAY, second_day
+from qsf_day.run import SECOND_DAY, second_day
 from qsframework.cli.diagnose_plan import run_foresight
 from qsframework.design import design
 from qsframework.diagnose import forecast

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import make_command_line
 import make_pictures
-import typer.main
 
-from qsframework.cli.main import app
+from qsframework.cli.app import every_command
 
 
 def test_the_page_is_current(root: Path) -> None:
@@ -18,7 +17,7 @@ def test_the_page_is_current(root: Path) -> None:
 
 def test_it_names_every_command_and_option(root: Path) -> None:
     page = (root / "docs" / "command-line.md").read_text()
-    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    commands = every_command()
     assert len(commands) > 10
     for name, command in commands.items():
         section = page.split(f"## `qsf {name}`\n")[1].split("\n## ")[0]
@@ -30,7 +29,7 @@ def test_it_names_every_command_and_option(root: Path) -> None:
 
 def test_the_pictures_of_a_terminal_show_every_command() -> None:
     """docs/make_pictures.py runs them at 80 and 100 columns, with files that are there."""
-    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    commands = every_command()
     assert set(commands) == {line.split()[1] for line in make_pictures.SESSION.splitlines()} - {"--help"}
     for path in make_pictures.EXAMPLES.values():
         assert (make_pictures.HERE.parent / path).exists(), path

@@ -15,7 +15,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "importers"))
 
 from samples import FORMATS
 
-from qsframework.cli.main import _told, app
+from qsframework.cli.app import _told, app
 from qsframework.errors import InputError
 from qsframework.experiment import load_experiment, read_readings
 

@@ -7,9 +7,8 @@ import shlex
 from pathlib import Path
 
 import draw_records
-import typer.main
 
-from qsframework.cli.main import app
+from qsframework.cli.app import every_command
 
 
 def test_every_page_is_in_the_menu(root: Path) -> None:
@@ -25,7 +24,7 @@ def test_links_lead_somewhere(root: Path) -> None:
 
 def test_every_command_shown_exists_with_its_options(root: Path) -> None:
     """What runs by a test of its own is held there to more; here are those with files of the reader's too."""
-    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    commands = every_command()
     seen = 0
     for page in [*(root / "docs").glob("*.md"), root / "README.md", *(root / "examples").glob("*/*.md")]:
         text = page.read_text().replace("\\\n", " ")

@@ -12,7 +12,7 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from qsframework.cli.main import app
+from qsframework.cli.app import app
 from qsframework.experiment import load_experiment, read_readings
 
 pytestmark = pytest.mark.usefixtures("diagnosed_once")

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from qsframework.applications.importers.importing import import_readings
+from qsf_trackers.importing import import_readings
+from qsf_trackers.words import import_words
 from qsframework.design.candidates import generate_candidates
 from qsframework.design.options import DesignOptions
 from qsframework.design.problem import joint_sd, make_problem
@@ -24,7 +25,6 @@ from qsframework.identify import identify
 from qsframework.information import predicted_sd
 from qsframework.information.sensitivities import plan_columns
 from qsframework.plugin import Array
-from qsframework.report.words.imports import import_words
 from tests.calibration.small_arm import LOADS, small_arm, small_plan
 
 STATION = "stations: {front: {xyz_mm: [4000, 500, 300]}}"

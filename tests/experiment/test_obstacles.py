@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from qsframework.applications.path_check import Surroundings, find_way, stretch
-from qsframework.applications.programme import make_programme
 from qsframework.design import broken_constraints, design
 from qsframework.design.constraints import check_poses, touching
+from qsframework.design.path_check import Surroundings, find_way, stretch
+from qsframework.design.programme import make_programme
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, load_experiment
 from qsframework.plugin import Array

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from typer.testing import CliRunner
 
-from qsframework.cli.main import app
+from qsframework.cli.app import app
 from qsframework.errors import near_name, some_of
 from qsframework.experiment import Experiment, make_plan, write_plan
 from qsframework.plugin import Poses

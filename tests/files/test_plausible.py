@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from qsframework import units
-from qsframework.cli.main import app
+from qsframework.cli.app import app
 from qsframework.errors import InputError
 from qsframework.experiment import example, load_experiment, read_plan, read_readings
 from qsframework.plausible import LOADS, RANGES, beyond, too_strong

@@ -82,7 +82,7 @@ def write(name: str, line: str, found: Record, words_only: bool = False) -> None
 
 def _run(arguments: list[str]) -> int:
     """The exit code of `qsf ...`, or of `script FILE ...`, run in this process."""
-    from qsframework.cli.main import main
+    from qsframework.cli.app import main
 
     try:
         if arguments[0] == "script":

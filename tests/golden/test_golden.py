@@ -35,7 +35,7 @@ def test_the_net_is_wide(root: Path) -> None:
             named = yaml.safe_load(path.joinpath("robot.yaml").read_text())["name"] if place == "robots" else path.name
             assert named in said or path.name == "notebook", path  # the notebook has a test of its own
     commands = {shlex.split(line)[0] for line in lines}
-    from qsframework.cli.main import app
+    from qsframework.cli.app import app
 
     known = {c.name or c.callback.__name__ for c in app.registered_commands if c.callback is not None}
     assert known - commands <= {"version", "help"}

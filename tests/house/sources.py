@@ -9,8 +9,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 LIBRARY = sorted((ROOT / "qsframework").rglob("*.py"))
-PLUGINS = sorted((ROOT / "plugins").rglob("*.py"))
-MODULES = [*LIBRARY, *PLUGINS]
+EFFECTS = sorted((ROOT / "plugins" / "qsf_plugins").rglob("*.py"))
+PACKAGES = sorted(p.parent for p in (ROOT / "plugins").glob("*/__init__.py"))
+FIELD = sorted(p for p in (ROOT / "plugins").rglob("*.py") if p not in EFFECTS)
+"""Modules of the packages beside the core: trackers, controllers, the day, new robots."""
+MODULES = [*LIBRARY, *EFFECTS, *FIELD]
 
 
 @cache

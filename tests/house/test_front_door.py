@@ -12,11 +12,11 @@ from types import ModuleType
 import pytest
 from sources import ROOT, tree
 
-LAZY = sorted((ROOT / "qsframework").rglob("__init__.pyi"))
+LAZY = sorted([*(ROOT / "qsframework").rglob("__init__.pyi"), *(ROOT / "plugins").rglob("__init__.pyi")])
 
 
 def package_of(path: Path) -> str:
-    return ".".join(path.parent.relative_to(ROOT).parts)
+    return ".".join(p for p in path.parent.relative_to(ROOT).parts if p != "plugins")
 
 
 def told(path: Path) -> dict[str, tuple[str, str]]:

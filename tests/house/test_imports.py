@@ -5,14 +5,15 @@ from __future__ import annotations
 import ast
 import re
 import sys
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
-from sources import LIBRARY, PLUGINS, ROOT, complaints, tree
+from sources import EFFECTS as EFFECT_FILES, FIELD, LIBRARY, PACKAGES, ROOT, complaints, tree
 
 LAYERS = (
     ("errors",),
-    ("arguments",),
+    ("arguments", "installed"),
     ("units", "option"),
     ("plausible", "terminal", "viewed"),
     ("files",),
@@ -39,7 +40,7 @@ OWNERS = {
     "coal": "robot",
     "cvxpy": "design/relaxed.py",
     "meshcat": "viz",
-    "starlette": "report/day_server.py",
+    "starlette": "qsf_day/server.py",
     "joblib": "work",
     "distributed": "work",
     "multiprocessing": "work",
@@ -144,7 +145,7 @@ def test_every_module_has_a_layer() -> None:
 
 
 def owned_by_others(path: Path) -> Iterator[str]:
-    where = str(path.relative_to(ROOT / "qsframework"))
+    where = str(path.relative_to(ROOT / ("qsframework" if path in LIBRARY else "plugins")))
     for name in imported(tree(path)):
         owner = OWNERS.get(name.split(".")[0])
         if owner is not None and not where.startswith(owner):
@@ -152,7 +153,7 @@ def owned_by_others(path: Path) -> Iterator[str]:
 
 
 def test_dependencies_have_one_owner() -> None:
-    assert complaints(LIBRARY, owned_by_others) == []
+    assert complaints([*LIBRARY, *FIELD], owned_by_others) == []
 
 
 def heavy_at_once(path: Path) -> Iterator[str]:
@@ -161,19 +162,71 @@ def heavy_at_once(path: Path) -> Iterator[str]:
 
 
 def test_heavy_libraries_are_imported_where_they_are_used() -> None:
-    assert complaints(LIBRARY, heavy_at_once) == []
+    assert complaints([*LIBRARY, *FIELD], heavy_at_once) == []
 
 
-def test_plugins_use_the_public_api_only() -> None:
+def test_effects_use_the_public_api_only() -> None:
     allowed = {*sys.stdlib_module_names, "numpy", "qsf_plugins"}
-    for path in PLUGINS:
+    for path in EFFECT_FILES:
         for name in imported(tree(path)):
             assert name == "qsframework.plugin" or name.split(".")[0] in allowed, f"{path} imports {name}"
 
 
-EFFECTS = {p.stem for p in PLUGINS if re.search(r"\w_\w", p.stem.strip("_"))}
-TEMPLATE = "robot/scaffold_text.py"
-"""What a new robot's file may hold is written for people, who read names."""
+PACKAGE_NAMES = {path.name for path in PACKAGES}
+NAMED = re.compile(r"\b(" + "|".join(sorted(PACKAGE_NAMES)) + r")\b")
+
+
+def packages_named(path: Path) -> Iterator[str]:
+    """What a module of the core imports of a package beside it, or names in a text, docstrings aside."""
+    parsed = tree(path)
+    said = {node.value for node in ast.walk(parsed) if isinstance(node, ast.Expr)}
+    texts = [n.value for n in ast.walk(parsed) if isinstance(n, ast.Constant) and n not in said]
+    for text in (*imported(parsed), *(text for text in texts if isinstance(text, str))):
+        yield from (f"names {name}" for name in NAMED.findall(text))
+
+
+def test_the_core_knows_no_package_beside_it() -> None:
+    assert complaints(LIBRARY, packages_named) == []
+
+
+def insides_of_others(path: Path) -> Iterator[str]:
+    """What a package imports of another's modules: only its front door is for others."""
+    own = path.relative_to(ROOT / "plugins").parts[0]
+    for name in imported(tree(path)):
+        package, _, module = name.partition(".")
+        if package in PACKAGE_NAMES - {own} and module:
+            yield f"imports {name}, which is inside {package}"
+
+
+def test_packages_know_only_the_doors_of_each_other() -> None:
+    assert complaints([*EFFECT_FILES, *FIELD], insides_of_others) == []
+
+
+def behind(entry: Path) -> set[Path]:
+    """A module and all of its package that it imports."""
+    found, waiting = set[Path](), [entry]
+    while waiting:
+        path = waiting.pop()
+        if path not in found:
+            found.add(path)
+            modules = (ROOT / "plugins" / f"{name.replace('.', '/')}.py" for name in imported(tree(path)))
+            waiting += [module for module in modules if module.is_file()]
+    return found
+
+
+def test_readers_and_languages_stand_on_the_public_api_alone() -> None:
+    """With whatever of their packages they use: somebody else's reader has no more."""
+    groups = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"]
+    entries = {**groups["qsframework.readers"], **groups["qsframework.languages"]}
+    files = {ROOT / "plugins" / f"{place.partition(':')[0].replace('.', '/')}.py" for place in entries.values()}
+    assert len(files) == len(entries)
+    allowed = {*sys.stdlib_module_names, "numpy", *PACKAGE_NAMES}
+    for path in {module for file in files for module in behind(file)}:
+        for name in imported(tree(path)):
+            assert name == "qsframework.plugin" or name.split(".")[0] in allowed, f"{path} imports {name}"
+
+
+EFFECTS = {p.stem for p in EFFECT_FILES if re.search(r"\w_\w", p.stem.strip("_"))}
 
 
 def effects_named(path: Path) -> Iterator[str]:
@@ -185,5 +238,4 @@ def effects_named(path: Path) -> Iterator[str]:
 
 def test_the_library_refers_to_effects_by_role() -> None:
     """Another package's gear or load error is as good as the built-in one."""
-    others = [path for path in LIBRARY if not path.match(f"*/{TEMPLATE}")]
-    assert complaints(others, effects_named) == []
+    assert complaints(LIBRARY, effects_named) == []

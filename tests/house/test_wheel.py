@@ -35,6 +35,10 @@ def test_the_wheel_holds_robots_examples_and_plugins(wheel: Path) -> None:
         "qsframework/report/templates/report.html.j2",
         "qsframework/py.typed",
         "qsf_plugins/py.typed",
+        "qsf_trackers/json_points.py",
+        "qsf_controllers/krl.py",
+        "qsf_day/templates/day.html",
+        "qsf_onboarding/proposal.py",
     ):
         assert name in names
 

@@ -11,7 +11,7 @@ import pytest
 from remembered import diagnose
 from typer.testing import CliRunner
 
-from qsframework.cli.main import app
+from qsframework.cli.app import app
 from qsframework.errors import InputError
 from qsframework.experiment import load_experiment, make_plan, read_readings, simulate
 from qsframework.experiment.observations import values_before

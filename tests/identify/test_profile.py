@@ -11,7 +11,7 @@ import pytest
 from scipy.stats import t
 from typer.testing import CliRunner
 
-from qsframework.cli.main import app
+from qsframework.cli.app import app
 from qsframework.errors import InputError
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Readings, example, make_plan, simulate

@@ -152,7 +152,7 @@ def test_a_fit_that_did_not_converge_is_no_result() -> None:
 
 def test_the_advice_names_options_that_exist(m900ib: Experiment) -> None:
     """One pose, too few readings: what the errors advise can be typed."""
-    from qsframework.cli.main import app
+    from qsframework.cli.app import app
 
     one = readings_of(m900ib)
     q, pendant = (np.repeat(v[:1], len(one.poses), axis=0) for v in (one.poses.q, one.poses.pendant))

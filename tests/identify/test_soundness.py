@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from qsframework.applications.compensate import compensate
 from qsframework.applications.robot_from_fit import with_fit
 from qsframework.applications.targets import read_targets
-from qsframework.cli.main import app
+from qsframework.cli.app import app
 from qsframework.cli.show import Shown, make_scene
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Readings

@@ -10,7 +10,7 @@ import pytest
 from scipy.optimize import least_squares
 from typer.testing import CliRunner
 
-from qsframework.cli.main import app
+from qsframework.cli.app import app
 from qsframework.errors import InputError
 from qsframework.estimation import FitOptions
 from qsframework.experiment import (

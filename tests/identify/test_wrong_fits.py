@@ -15,7 +15,7 @@ import pytest
 from typer.testing import CliRunner
 
 from qsframework.applications.robot_from_fit import with_fit
-from qsframework.cli.main import app
+from qsframework.cli.app import app
 from qsframework.errors import InputError
 from qsframework.identify import read_fit
 from qsframework.robot import load_robot

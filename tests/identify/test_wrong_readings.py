@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from qsframework.cli.main import app
+from qsframework.cli.app import app
 from qsframework.errors import InputError
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, example, load_experiment, make_plan, read_readings, simulate

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from qsframework.applications.export import export
-from qsframework.applications.programme import draft
+from qsf_controllers.export import export
+from qsframework.design.programme import draft
 from qsframework.elastostatics.so3 import exponential
 from qsframework.experiment import Experiment, Frame, Plan, load_experiment, make_plan, write_plan
 from qsframework.experiment.columns import joint_cells, number, write_table

@@ -10,7 +10,7 @@ import samples
 from samples import FORMATS, Campaign
 from typer.testing import CliRunner
 
-from qsframework.cli.main import app
+from qsframework.cli.app import app
 from qsframework.experiment import Readings, read_readings
 
 

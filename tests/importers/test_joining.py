@@ -13,8 +13,8 @@ import samples
 from samples import DEGREES, FRAME, Campaign
 from test_formats import equal, run, the_same
 
-from qsframework.applications.importers import ImportOptions, import_readings
-from qsframework.applications.protocol import ProtocolOptions, make_protocol, write_reading_file
+from qsf_day.protocol import ProtocolOptions, make_protocol, write_reading_file
+from qsf_trackers import ImportOptions, import_readings
 from qsframework.errors import InputError
 from qsframework.experiment import Frame, read_readings
 

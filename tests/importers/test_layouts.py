@@ -16,9 +16,9 @@ from test_formats import equal
 from test_joining import FLOOR, known_points
 from typer.testing import CliRunner
 
-from qsframework.applications.importers import import_readings
-from qsframework.applications.protocol import ProtocolOptions, make_protocol, write_reading_file
-from qsframework.cli.main import _told, app
+from qsf_day.protocol import ProtocolOptions, make_protocol, write_reading_file
+from qsf_trackers import import_readings
+from qsframework.cli.app import _told, app
 from qsframework.errors import InputError
 from qsframework.experiment import load_experiment, read_readings
 

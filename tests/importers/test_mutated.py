@@ -11,7 +11,7 @@ import samples
 from layouts import LAYOUTS
 from samples import FORMATS, Campaign
 
-from qsframework.applications.importers import ImportOptions, import_readings
+from qsf_trackers import ImportOptions, import_readings
 from qsframework.cli.pairs import pairs
 from qsframework.errors import InputError
 

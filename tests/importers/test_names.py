@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from qsframework.applications.importers.campaign import Campaign
-from qsframework.applications.importers.vocabulary import decode, plain, state_word, vocabulary
+from qsf_trackers.campaign import Campaign
+from qsf_trackers.vocabulary import decode, plain, state_word, vocabulary
 
 CAMPAIGN = Campaign(
     poses={f"p{i:02d}": np.zeros(6) for i in range(1, 13)}, loads={}, order=(), names={"p01": {"": "weight"}}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from qsframework.applications.importers.placing import agreed_frame, align, likely_unit
+from qsf_trackers.placing import agreed_frame, align, likely_unit
 from qsframework.elastostatics.so3 import exponential, rotation_vector
 from qsframework.errors import InputError
 from qsframework.experiment import Frame

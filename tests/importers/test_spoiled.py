@@ -15,8 +15,8 @@ from samples import Campaign, Reading, lines
 from test_joining import FLOOR, known_points
 from typer.testing import CliRunner
 
-from qsframework.applications.importers import import_readings
-from qsframework.cli.main import _told, app
+from qsf_trackers import import_readings
+from qsframework.cli.app import _told, app
 from qsframework.errors import InputError
 
 Made = Sequence[str | Path]
@@ -502,7 +502,7 @@ def test_tracker_files_in_place_of_readings_name_the_import(tmp_path: Path) -> N
 
 
 def test_times_are_read_in_one_way_only() -> None:
-    from qsframework.applications.importers.vocabulary import moment
+    from qsf_trackers.vocabulary import moment
 
     noon = datetime.datetime(2026, 3, 9, 12, tzinfo=datetime.UTC).timestamp()
     assert moment("2026-03-09T12:00:00Z", "") == (noon, "date")

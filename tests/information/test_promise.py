@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from qsframework.cli.main import app
+from qsframework.cli.app import app
 from qsframework.errors import NotIdentifiable
 from qsframework.experiment import example, load_experiment
 

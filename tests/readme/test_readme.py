@@ -17,8 +17,8 @@ import pytest
 from check_answers import pedestal, waves
 from typer.testing import CliRunner
 
+from qsframework.cli.app import app
 from qsframework.cli.demo import real_readings
-from qsframework.cli.main import app
 from qsframework.experiment import load_experiment
 
 pytestmark = pytest.mark.usefixtures("diagnosed_once")

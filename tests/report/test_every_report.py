@@ -20,7 +20,7 @@ from every_report import COMMANDS, PAGES, TASK, Reports, make_reports
 from headless import browser, unpacked
 from PIL import Image
 
-from qsframework.cli.main import app
+from qsframework.cli.app import every_command
 from qsframework.plugin.registry import registry
 
 SEEDED = {"demo", "design", "simulate", "diagnose", "foresee", "compare", "validate"}
@@ -97,10 +97,7 @@ def parse(text: str) -> Page:
 
 def test_these_are_all_commands_with_a_report() -> None:
     """A new command with --report must come into the list above."""
-    import typer
-
-    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
-    with_report = {name for name, c in commands.items() if any("--report" in p.opts for p in c.params)}
+    with_report = {name for name, c in every_command().items() if any("--report" in p.opts for p in c.params)}
     assert with_report | {"demo"} == {c.partition("_")[0] for c in COMMANDS} - {"foresee"}
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from qsframework.cli.main import app
+from qsframework.cli.app import app
 from qsframework.experiment import Experiment, example, read_plan, simulate
 from qsframework.identify import Fit, identify
 from qsframework.report.fit_plots import fit_figures

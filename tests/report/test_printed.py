@@ -10,7 +10,7 @@ import pytest
 from headless import browser
 from typer.testing import CliRunner
 
-from qsframework.cli.main import app
+from qsframework.cli.app import app
 from qsframework.errors import InputError
 from qsframework.report import printed
 

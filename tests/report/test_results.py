@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 import qsframework as qsf
-from qsframework.cli.main import app
+from qsframework.cli.app import app
 from qsframework.experiment import Experiment, Readings, example
 from tests.diagnose.cases import diagnosed
 

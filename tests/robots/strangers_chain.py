@@ -14,7 +14,7 @@ from strangers import STRANGERS, Stranger
 from strangers_more import MORE
 
 from qsframework.applications.conformance import small_campaign
-from qsframework.cli.main import app
+from qsframework.cli.app import app
 from qsframework.errors import QsfError
 from qsframework.robot import load_robot
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from qsframework.cli.new import run_new
+from qsf_onboarding.dh_table import read_denavit
+from qsf_onboarding.folder import Arm, new as new_robot
+from qsf_onboarding.run import run_new
 from qsframework.errors import InputError
 from qsframework.robot import load_robot
-from qsframework.robot.denavit_file import read_denavit
-from qsframework.robot.new import Arm, new as new_robot
 from qsframework.robot.reference import reference_flange
 
 HEAD = "joint,a_mm,alpha_deg,d_mm,theta_deg,min_deg,max_deg\n"

@@ -14,7 +14,7 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from qsframework.cli.main import app
+from qsframework.cli.app import app
 from qsframework.elastostatics.so3 import exponential
 from qsframework.errors import InputError
 from qsframework.estimation import FitOptions

@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from qsf_onboarding.folder import new
+from qsf_onboarding.proposal import propose
 from qsframework.applications.conformance import check_robot, small_campaign
+from qsframework.cli.app import app
 from qsframework.cli.check import check_files
-from qsframework.cli.main import app
 from qsframework.design import DesignOptions, design
 from qsframework.errors import InputError
 from qsframework.experiment import load_experiment
 from qsframework.robot import load_robot
-from qsframework.robot.new import new
 from qsframework.robot.reference import reference_flange
-from qsframework.robot.scaffold import propose
 
 JOINT = (
     '<joint name="{n}" type="{k}"><parent link="{p}"/><child link="{c}"/>'

@@ -10,11 +10,11 @@ import pytest
 from strangers import Y, Z, elbow, joint, link, mimic, put, robot
 from strangers_chain import run
 
+from qsf_onboarding.folder import Arm, NewRobot, new
+from qsf_onboarding.joints import ChainJoint, Fate
 from qsframework.errors import InputError
 from qsframework.robot import load_robot
-from qsframework.robot.new import Arm, NewRobot, new
 from qsframework.robot.reference import reference_flange
-from qsframework.robot.scaffold_joints import ChainJoint, Fate
 
 MASSES = (60.0, 40.0, 25.0, 10.0, 6.0, 2.0)
 

@@ -12,7 +12,7 @@ from sliding_arms import ARMS, write_arm
 from typer.testing import CliRunner
 
 from qsframework.applications.conformance import check_robot
-from qsframework.cli.main import app
+from qsframework.cli.app import app
 from qsframework.errors import InputError
 from qsframework.experiment import load_experiment, make_rows, read_readings
 from qsframework.hypotheses.catalogue.generic_laws import motions

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from qsf_onboarding.folder import Arm, new
+from qsf_onboarding.proposal import _TWIST_AT_EFFORT, _TWIST_AT_WEIGHT, Proposal, propose
 from qsframework.applications.conformance import check_robot
-from qsframework.cli.main import app
+from qsframework.cli.app import app
 from qsframework.errors import InputError
 from qsframework.robot import load_robot
-from qsframework.robot.new import Arm, new
 from qsframework.robot.packages import Sources
 from qsframework.robot.reference import reference_flange
-from qsframework.robot.scaffold import _TWIST_AT_EFFORT, _TWIST_AT_WEIGHT, Proposal, propose
 
 BODY = (
     '<inertial><origin xyz="0 0 {z}"/><mass value="{m}"/>'

@@ -32,7 +32,7 @@ import yaml
 from fuzzing import TIME_LIMIT, Found, Outcome
 from mutate import NUMBERS, TEXTS, mutated
 
-from qsframework.cli.main import app, main
+from qsframework.cli.app import app, every_command, main
 from qsframework.experiment import load_experiment, read_plan
 
 SMALL = Path(__file__).parent / "small"
@@ -258,7 +258,7 @@ def parser() -> Any:
 
 def commands() -> dict[str, Any]:
     """The commands of the parser itself."""
-    return dict(parser().commands)
+    return every_command()
 
 
 def prepared(folder: Path) -> Path:

@@ -25,13 +25,15 @@ import numpy as np
 import yaml
 from mutate import mutated
 
-from qsframework.applications.controller_files import write_fanuc, write_krl, write_rapid, write_urscript
-from qsframework.applications.export import write_csv
-from qsframework.applications.programme import Move, Programme
-from qsframework.applications.programmes.reading import ENDINGS, read_source
+from qsf_controllers.export import write_csv
+from qsf_controllers.fanuc import write_fanuc
+from qsf_controllers.krl import write_krl
+from qsf_controllers.rapid import write_rapid
+from qsf_controllers.urscript import write_urscript
 from qsframework.applications.stiffness import stiffness_at
 from qsframework.applications.targets import read_targets
 from qsframework.applications.task import load_task
+from qsframework.design.programme import Move, Programme
 from qsframework.errors import InputError, QsfError
 from qsframework.experiment import (
     Experiment,
@@ -46,6 +48,7 @@ from qsframework.experiment import (
 from qsframework.files import sha256
 from qsframework.identify import identify, read_fit, write_fit
 from qsframework.plugin import Poses
+from qsframework.plugin.language import endings, read_source
 from qsframework.robot import Robot, load_robot
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -442,7 +445,7 @@ def _programmes(folder: Path) -> list[Good]:
     return [
         _good(f"points of {n}", folder / n, "lines", lambda n=n: read_source(folder / n))
         for n in texts
-        if n[4:] in ENDINGS
+        if n[4:] in endings()
     ]
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import fuzzing
 import pytest
 
-from qsframework.cli.main import main
+from qsframework.cli.app import main
 from qsframework.experiment import example
 
 COMMANDS = {

@@ -102,7 +102,7 @@ IMPORTS = [
     "qsframework.report",
     "qsframework.robot.loader",
     "qsframework.cli.compare",
-    "qsframework.cli.export",
+    "qsf_controllers.command",
     "qsframework.cli.show",
     "qsframework.report.extended",
     "meshcat",

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from limited import limited
 
-from qsframework.applications.importers.sheets import read_sheet
+from qsf_trackers.sheets import read_sheet
 from qsframework.errors import InputError
 from qsframework.experiment import (
     Experiment,

@@ -19,7 +19,7 @@ import yaml
 from headless import unpacked
 from typer.testing import CliRunner
 
-from qsframework.cli.main import app
+from qsframework.cli.app import app, every_command
 from qsframework.experiment import example
 from qsframework.robot.search import find_robot
 from qsframework.viz.scene import Facts, Scene
@@ -225,10 +225,7 @@ def test_no_element_comes_from_the_users_text(pages: dict[str, str], name: str) 
 
 
 def test_these_are_all_commands_that_write_pages() -> None:
-    from typer.main import get_command
-
-    commands = get_command(app).commands  # type: ignore[attr-defined]
-    writing = {n for n, c in commands.items() if any(set(p.opts) & {"--report", "--html"} for p in c.params)}
+    writing = {n for n, c in every_command().items() if any(set(p.opts) & {"--report", "--html"} for p in c.params)}
     assert writing | {"protocol"} == {p.partition("_")[0] for p in PAGES} - {"foresee"} | writing & {"demo"}
 
 

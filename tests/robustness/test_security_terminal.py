@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from qsframework.cli.main import main
+from qsframework.cli.app import main
 from qsframework.cli.printing import print_folded, print_line, print_table
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, example, load_experiment, read_plan, write_plan

@@ -13,7 +13,7 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from qsframework.cli.main import app, main
+from qsframework.cli.app import app, every_command, main
 from qsframework.diagnose import diagnose
 from qsframework.errors import InputError
 from qsframework.experiment import (
@@ -257,10 +257,7 @@ def test_every_command_asks_for_trust(
 
 def test_every_command_that_loads_files_has_the_option() -> None:
     runner = CliRunner()
-    from typer.main import get_command
-
-    commands = get_command(app).commands  # type: ignore[attr-defined]
-    without = {name for name, c in commands.items() if not any("--trust" in p.opts for p in c.params)}
+    without = {name for name, c in every_command().items() if not any("--trust" in p.opts for p in c.params)}
     # they read installed files only, write a robot without effects, or read nothing
     assert without == {"demo", "new"}
     assert runner.invoke(app, ["check", "--help"]).exit_code == 0

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from qsf_onboarding.text import PROPOSED
 from qsframework.experiment import Experiment, LoadUncertainty, Readings
 from qsframework.identify import Fit, identify
 from qsframework.identify.soundness import check_findings
-from qsframework.robot.scaffold_text import PROPOSED
 from qsframework.screening import Mistake, find_mistakes
 from qsframework.screening.common_scale import common_factor, log_sd
 from tests.screening.test_conventions import campaign

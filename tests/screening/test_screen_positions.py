@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from qsframework.cli.app import app
 from qsframework.cli.check import check_files
 from qsframework.cli.identify import FitFiles, run_identify
-from qsframework.cli.main import app
 from qsframework.elastostatics.so3 import exponential
 from qsframework.errors import InputError, NotIdentifiable
 from qsframework.estimation import FitOptions

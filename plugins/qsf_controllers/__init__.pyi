@@ -1,0 +1,2 @@
+from .export import export as export
+from .options import ExportOptions as ExportOptions

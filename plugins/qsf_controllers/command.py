@@ -1,0 +1,33 @@
+"""`qsf export`: what it is asked."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from qsf_controllers.options import ExportOptions
+from qsframework.cli import Json, Trust
+from qsframework.option import Option
+
+
+def export(
+    files: Annotated[
+        list[Path], typer.Argument(metavar="EXPERIMENT PLAN", help="experiment.yaml and plan.csv.", show_default=False)
+    ],
+    options: ExportOptions,
+    output: Annotated[Path, Option("The file; krl makes .src and .dat.", short="o", group="Programme")],
+    json: Json = None,
+    trust: Trust = False,
+) -> None:
+    """Write a plan as a robot programme, checked for collisions."""
+    from qsf_controllers.run import run_export
+    from qsframework.cli import sorted_out
+    from qsframework.errors import InputError, Problem
+
+    given = sorted_out(files, ("experiment",), "plan")
+    if [len(found) for found in given.values()] != [1, 1]:
+        raise InputError(Problem("an experiment and a plan are needed", found=" ".join(map(str, files))))
+    ((experiment,), (plan,)) = given.values()
+    run_export(plan, experiment, output, options, json)

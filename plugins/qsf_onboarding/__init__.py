@@ -1,0 +1,5 @@
+"""A new robot's folder: from a URDF, a xacro or a table of Denavit and Hartenberg."""
+
+from lazy_loader import attach_stub
+
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

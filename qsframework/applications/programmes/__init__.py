@@ -1,1 +1,0 @@
-"""Robot programmes that exist already: read with every motion accounted for, corrected, written back."""
