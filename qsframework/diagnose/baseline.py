@@ -137,7 +137,7 @@ def _baseline_of(start: StartingFit) -> Baseline:
     experiment, rows, fit = start.experiment, start.rows, start.fit
     causes, untested = find_causes(experiment, fit.names, rows)
     case = make_case(experiment, rows, fit.names, causes, fit.by_name(), fit.residuals, fit.frames).grouped()
-    fits = fits_beside(rows, case.raw[:, : case.A.shape[1]])
+    fits = fits_beside(rows, rows.padded_noise.colour(fit.basis()))
     base = Baseline(
         experiment=experiment,
         readings=start.readings,
@@ -188,8 +188,7 @@ def without_rows(base: Baseline, outliers: Indices) -> Baseline:
     good = np.delete(base.good, outliers)
     rows = base.given.take(good)
     fit = settle_fit(base.experiment.model(), rows, base.whole.fitted, base.fit.x, frames=base.fit.frames)
-    scalars = (3 * good[:, None] + np.arange(3)).ravel()
-    fits = fits_beside(rows, base.whole.raw[scalars, : base.whole.A.shape[1]])
+    fits = fits_beside(rows, rows.padded_noise.colour(fit.basis()))
     return in_noise_beside(replace(base, good=good, fit=fit), fits, fit)
 
 
@@ -198,7 +197,7 @@ def audit_of(base: Baseline, fit: SettledFit) -> NoiseAudit:
     rows, given = base.rows, base.start
     sigma = np.sqrt(np.mean(given.sigma**2, axis=1))
     ratio = np.sqrt(np.mean(rows.sigma**2, axis=1)) / sigma
-    columns = orthonormal(rows.padded_noise.colour(fit.jacobian) / np.repeat(sigma, 3)[:, None])
+    columns = orthonormal(rows.padded_noise.colour(fit.basis()) / np.repeat(sigma, 3)[:, None])
     return audit_noise(
         fit.residuals / sigma[:, None],
         columns.reshape(len(rows.keep), 3, -1),

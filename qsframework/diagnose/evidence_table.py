@@ -207,7 +207,7 @@ def _pose_blocks(pose: Indices) -> tuple[Indices, int]:
 
 def _squares_without(case: Case, columns: Array, blocks: Indices, index: Indices, same: Array) -> Array:
     """Squares left by a fit to all poses but two (D,): RSS - r' (I - H)^-1 r over the deleted rows."""
-    fit = LinearFit.onto(np.linalg.qr(np.concatenate([case.A, columns], axis=1))[0], case.residuals)
+    fit = LinearFit.onto(np.linalg.qr(np.concatenate([case.fit.Q, columns], axis=1))[0], case.residuals)
     Q, r = np.pad(fit.Q, ((0, 1), (0, 0))), np.append(fit.white, 0.0)
     second = np.where(same[:, None], len(r) - 1, blocks[index[:, 1]])
     at = np.concatenate([blocks[index[:, 0]], second], axis=1)

@@ -51,8 +51,8 @@ class Suspect:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Foretold:
-    """What explanations could do to rows, m, not whitened: fitted (3 R, f) columns, those of each of H explanations
-    (3 R, p), their weights drawn with sd 1; residuals (3 R,) m of what was read."""
+    """What explanations could do to rows, m, not whitened: fitted (3 R, f) directions that they tell, columns of each
+    of H explanations (3 R, p), their weights drawn with sd 1; residuals (3 R,) m of what was read."""
 
     rows: ReadingRows
     fitted: Array
@@ -115,7 +115,7 @@ def foretold(
         columns.append(Z.reshape(-1, Z.shape[2]))
     return Foretold(
         rows=moved.rows,
-        fitted=case.raw[:, : case.A.shape[1]],
+        fitted=case.noise.colour(case.fit.Q),
         own=tuple(columns),
         residuals=residuals.ravel(),
         suspects=tuple(suspects),

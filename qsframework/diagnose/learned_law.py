@@ -133,7 +133,7 @@ def alike(case: Case, kept: Sequence[Cause], fit: SettledFit, law: Law, learned:
     case: with the library, in the noise of the fit; kept: the causes that are fitted beside the law
     """
     own = [fit.jacobian.shape[1] - len(fit.names) + fit.names.index(n) for n in learned.names]
-    beside = orthonormal(np.delete(fit.jacobian, own, axis=1))
+    beside = fit.basis(learned.names)
     moved = left(beside, fit.jacobian[:, own] @ np.array([fit.value(n) for n in learned.names]))
     square = float(moved @ moved)
     if square <= 0.0:

@@ -22,7 +22,7 @@ from qsframework.diagnose.options import LIBRARY_SHARE, seen_below
 from qsframework.diagnose.residuals.audited_rows import bic, far_from_linear, find_outliers, library_basis, visit_shifts
 from qsframework.diagnose.residuals.noise_components import visible
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
-from qsframework.estimation import orthonormal, rms
+from qsframework.estimation import rms
 from qsframework.hypotheses.catalogue.causes import Cause, with_causes
 from qsframework.hypotheses.exact_refit import SettledFit
 from qsframework.hypotheses.hypothesis import Hypothesis
@@ -221,7 +221,7 @@ def _searched(base: Baseline, options: SearchOptions) -> FoundCauses:
     for _ in range(_ROUNDS if answers else 0):
         best = answers[0]
         far = far_from_linear(base.case, best.fit)
-        fits = fits_beside(base.start, base.rows.padded_noise.colour(best.fit.jacobian))
+        fits = fits_beside(base.start, base.rows.padded_noise.colour(best.fit.basis()))
         again = replace(in_noise_beside(base, fits, best.fit), far=far)
         there = make_library(again.case, again.fit, again.nu, again.case.subspaces(), scores)
         found, fitted = _answers(there, again, options, fitted)
@@ -263,7 +263,7 @@ def _outliers(found: FoundCauses) -> Indices:
     their visit: a visit that moved as a whole is an effect; at most a tenth."""
     base, fit = found.base, found.extended
     mask, shape = base.rows.mask, (len(base.rows.keep), 3)
-    columns = visible(orthonormal(fit.jacobian).reshape(*shape, -1))
+    columns = visible(fit.basis().reshape(*shape, -1))
     outliers = find_outliers(fit.white.reshape(shape), columns, _OUTLIERS, mask)
     if not len(outliers):
         return outliers

@@ -28,7 +28,7 @@ from qsframework.hypotheses.catalogue.causes import REACH, Cause, find_causes, w
 from qsframework.hypotheses.columns import Case, Subspace, plan_case
 from qsframework.hypotheses.search.family_test import FamilyBlock, chance
 from qsframework.hypotheses.search.principal_angles import alias_classes, angle_matrix, named_from
-from qsframework.information import loss_words, predicted_sd
+from qsframework.information import loss_words
 from qsframework.plugin import Array, Indices, Poses
 from qsframework.work import HERE, Work, run
 
@@ -109,13 +109,10 @@ def forecast(
     if not noise.known:
         raise InputError(f"{experiment.path}: a forecast needs the noise, for example noise: {{sigma_mm: 0.03}}")
     fitted = experiment.fit_names()
-    if isinstance(plan, Plan) and stands:  # what a frame that nobody knows leaves to the geometry is held
-        sds = predicted_sd(experiment, plan, free=True)
-        fitted = tuple(name for name, sd in zip(fitted, sds, strict=True) if np.isfinite(sd))
     tell("causes", 0, 2)
     causes, untested = find_causes(experiment, fitted, poses)
     case = plan_case(experiment, plan, fitted, causes)
-    rank = rank_test(case.A, [*(p.name for f in case.frames for p in f.parameters()), *fitted])
+    rank = rank_test(case.with_holds(case.A)[0], [*(p.name for f in case.frames for p in f.parameters()), *fitted])
     if not rank.full:
         raise NotIdentifiable(
             f"the plan does not identify the fitted parameters: {loss_words(case.model, rank, poses)}"

@@ -18,7 +18,6 @@ from qsframework.diagnose.baseline import Baseline, fits_beside
 from qsframework.diagnose.learn import LawTrial, foretold, law_trials
 from qsframework.diagnose.named_causes import FoundCauses, SearchOptions
 from qsframework.diagnose.result import Leftover, NamedCause
-from qsframework.estimation import orthonormal
 from qsframework.estimation.linear_fit import winsorised
 from qsframework.estimation.projection import Flags
 from qsframework.estimation.visit_noise import Reml
@@ -91,8 +90,8 @@ def remaining_beside(base: Baseline, causes: Sequence[Cause], fit: SettledFit, o
     moved = motions(fit.model, base.rows, fit.x, fit.frames)
     blocks = list(generic_blocks(moved))
     noise = base.rows.padded_noise
-    columns = noise.colour(fit.jacobian)
-    values = noise.colour(winsorised(fit.white, orthonormal(fit.jacobian)))
+    columns = noise.colour(basis := fit.basis())
+    values = noise.colour(winsorised(fit.white, basis))
     fits = fits_beside(base.rows, columns)
     found = _Left()
     if fits.unit(int(fits.choose(values[:, None])[0]), values) > _ROUNDED:
@@ -147,13 +146,14 @@ def _in_place_of(
     base: Baseline, causes: Sequence[Cause], fit: SettledFit, blocks: Sequence[Block], values: Array
 ) -> tuple[dict[str, Leftover], set[str]]:
     """By cause the law that stands in its place as well, and the causes that cannot stand beside theirs."""
-    columns = base.rows.padded_noise.colour(fit.jacobian)
+    noise = base.rows.padded_noise
+    columns = noise.colour(fit.jacobian)
     names = {c.name: c.names for c in causes}
     alternatives: dict[str, Leftover] = {}
     beaten: set[str] = set()
     for name in named_in(fit, names, columns):
-        own = [columns.shape[1] - len(fit.names) + fit.names.index(p) for p in names[name.name]]
-        found = open_alternative(blocks, fits_beside(base.rows, np.delete(columns, own, axis=1)), values, name)
+        fits = fits_beside(base.rows, noise.colour(fit.basis(names[name.name])))
+        found = open_alternative(blocks, fits, values, name)
         if found is not None:
             alternatives[name.name] = found[0]
             beaten |= {name.name} if found[1] else set()
@@ -191,7 +191,7 @@ def races_of(found: FoundCauses) -> Beside:
             return beside(frozenset[str]())
 
         def run() -> Competition:
-            columns = noise.colour(fit.jacobian if causes else base.case.A)
+            columns = noise.colour(fit.basis() if causes else base.case.fit.Q)
             # what was drawn in of the readings at the last model is no effect here either
             values = base.values + (fit.residuals - base.fit.residuals).ravel()
             moved = motions(fit.model, base.rows, fit.x, fit.frames)

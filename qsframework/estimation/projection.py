@@ -14,6 +14,9 @@ Flags = npt.NDArray[np.bool_]
 Real = npt.NDArray[np.floating[Any]]
 CARRIED = 1e-10
 """Share of a direction of a block that other readings must carry; below it that block alone tells a parameter."""
+_SEEN = 0.1
+"""s per sd of what is known before from which readings tell more of a direction: three times that sd is then still
+below the noise where it is left out."""
 _AT_ONCE = 1 << 24
 """Bytes of the matrices that are inverted together."""
 
@@ -26,6 +29,14 @@ def orthonormal(columns: Array, rank: int | None = None) -> Array:
     U, values, _ = np.linalg.svd(columns[:, size > 0.0] / size[size > 0.0], full_matrices=False)
     kept = int((values > 1e-9 * values.max(initial=0.0)).sum())
     return np.ascontiguousarray(U[:, : kept if rank is None else min(kept, rank)])
+
+
+def spanned(columns: Array, weight: Array) -> Array:
+    """Orthonormal columns (m, f) of what whitened columns (m, p) can reach, without the directions of which the
+    readings say next to nothing beside what is known before them: weight (p,), 1 / sd of that, 0 where nothing is."""
+    free = orthonormal(columns[:, weight == 0.0])
+    U, values, _ = np.linalg.svd(left(free, columns[:, weight > 0.0] / weight[weight > 0.0]), full_matrices=False)
+    return np.concatenate([free, U[:, values > _SEEN]], axis=1)
 
 
 def left(Q: Array, values: Array) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 
 from qsframework.elastostatics import Model
 from qsframework.estimation import LinearFit, Noise, left, orthonormal, scales
-from qsframework.estimation.projection import least_squares
+from qsframework.estimation.projection import least_squares, spanned
 from qsframework.experiment import Experiment, Frame, Plan, make_rows
 from qsframework.experiment.frames import motion_count
 from qsframework.experiment.observations import ReadingRows
@@ -113,13 +113,13 @@ class Case:
 
     @cached_property
     def fit(self) -> LinearFit:
-        """What is fitted, and what it leaves of the residuals."""
-        return LinearFit.onto(np.linalg.qr(self.A)[0], self.residuals)
+        """What the readings tell of what is fitted, and what that leaves of the residuals."""
+        return LinearFit.onto(spanned(self.A, self.held), self.residuals)
 
     def held_out_errors(self, columns: Array, label: Indices) -> Array:
         """Whitened errors (m,) of blocks of coordinates, by label, after a fit of columns (m, p) to all others, NaN of
         label -1. What is fitted stands first, with what is known of it before."""
-        A, y = self._with_holds(columns)
+        A, y = self.with_holds(columns)
         blocks = np.concatenate([label, np.full(len(A) - len(label), -1)])
         out = LinearFit.onto(orthonormal(A), y).held_out_errors(blocks, _CARRIED)[: len(label)]
         for alone in np.unique(label[(label >= 0) & np.isnan(out)]).tolist():
@@ -133,10 +133,10 @@ class Case:
 
     def left_of(self, columns: Array) -> Array:
         """What a fit of columns (m, p), held likewise, leaves (m,) of the residuals."""
-        A, y = self._with_holds(columns)
+        A, y = self.with_holds(columns)
         return left(orthonormal(A), y)[: len(self.residuals)]
 
-    def _with_holds(self, columns: Array) -> tuple[Array, Array]:
+    def with_holds(self, columns: Array) -> tuple[Array, Array]:
         """Columns and residuals with the holds below, as readings."""
         kept = self.held > 0.0
         held = self.held[:, None] * np.eye(len(self.held), columns.shape[1])
@@ -145,12 +145,9 @@ class Case:
 
     def subspaces(self) -> tuple[Subspace, ...]:
         """One for each cause; without a direction where the cause is invisible in this protocol."""
-        return self.subspaces_of(range(len(self.causes)))
-
-    def subspaces_of(self, index: Sequence[int]) -> tuple[Subspace, ...]:
-        """The subspaces of some causes, by position."""
-        back = np.asarray(np.linalg.solve(self.fit.Q.T @ self.A, self.fit.Q.T), dtype=np.float64)
-        return tuple(self._subspace(self.causes[i], self.B[i], back) for i in index)
+        Q, R = np.linalg.qr(self.with_holds(self.A)[0])
+        back = np.asarray(np.linalg.solve(R, Q[: len(self.A)].T), dtype=np.float64)
+        return tuple(self._subspace(c, B, back) for c, B in zip(self.causes, self.B, strict=True))
 
     def _subspace(self, cause: Cause, columns: Array, back: Array) -> Subspace:
         U, values, V = np.linalg.svd(self.fit.given(columns), full_matrices=False)
@@ -187,12 +184,8 @@ class Case:
 
     def metres(self, i: int) -> Array:
         """Columns (m, p) m of cause i, per natural size, not whitened."""
-        return self.raw[:, self._at(i)]
-
-    def _at(self, i: int) -> slice:
-        """Columns of cause i in `raw`."""
         first = self.motions + len(self.fitted) + sum(len(c.parameters) for c in self.causes[:i])
-        return slice(first, first + len(self.causes[i].parameters))
+        return self.raw[:, first : first + len(self.causes[i].parameters)]
 
 
 def make_case(

@@ -10,6 +10,7 @@ import numpy as np
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError, NotConverged
 from qsframework.estimation import FitOptions, settle
+from qsframework.estimation.projection import spanned
 from qsframework.experiment import Frame, ObservationModel
 from qsframework.experiment.observations import ReadingRows
 from qsframework.plugin import Array
@@ -23,7 +24,8 @@ class SettledFit:
     """A fit of the exact model: x (q,) all parameters, SI; names (f,) those fitted, with covariance (f, f).
 
     frames: as fitted; residuals (R, 3) m, white (3 R,) whitened, both zero where nothing was measured; chi2 their
-    squares' sum; jacobian (3 R, 6 F + f) whitened, per SI
+    squares' sum; jacobian (3 R, 6 F + f) whitened, per SI; weight (6 F + f,): 1 / sd of what is known of each before
+    the readings, in sds of their noise
     """
 
     model: Model
@@ -35,6 +37,13 @@ class SettledFit:
     white: Array
     jacobian: Array
     chi2: float
+    weight: Array
+
+    def basis(self, without: Sequence[str] = ()) -> Array:
+        """Orthonormal whitened directions (3 R, k) that the readings tell of what is fitted, some names left out."""
+        first = len(self.weight) - len(self.names)
+        at = [first + self.names.index(n) for n in without]
+        return spanned(np.delete(self.jacobian, at, axis=1), np.delete(self.weight, at))
 
     def value(self, name: str) -> float:
         return float(self.x[self.model.names.index(name)])
@@ -80,12 +89,16 @@ def settle_fit(
 
 
 def _settled(seen: ObservationModel, priors: dict[str, float]) -> SettledFit:
-    found = settle(seen.observations().knowing(priors), _PLAIN, seen.start, tolerance=_CLOSE)
+    observations = seen.observations().knowing(priors)
+    found = settle(observations, _PLAIN, seen.start, tolerance=_CLOSE)
     unit = found.unit or 1.0
-    return _fit_at(seen, found.x, found.covariance, unit * found.residuals, unit * found.jacobian)
+    weight = unit * observations.known[0]
+    return _fit_at(seen, found.x, found.covariance, unit * found.residuals, unit * found.jacobian, weight)
 
 
-def _fit_at(seen: ObservationModel, z: Array, covariance: Array, residuals: Array, jacobian: Array) -> SettledFit:
+def _fit_at(
+    seen: ObservationModel, z: Array, covariance: Array, residuals: Array, jacobian: Array, weight: Array
+) -> SettledFit:
     """The fit at values z (p,), frames first, with whitened residuals (m,) and sensitivities (m, p) there."""
     rows, k = seen.rows, seen.motions
     white = np.zeros(rows.measured.size)
@@ -101,6 +114,7 @@ def _fit_at(seen: ObservationModel, z: Array, covariance: Array, residuals: Arra
         white=white,
         jacobian=columns,
         chi2=float(white @ white),
+        weight=weight,
     )
 
 
@@ -130,4 +144,4 @@ def averaged_fit(
     predicted, J = seen.rates(seen.start)
     white = observations.noise.whiten(observations.measured - predicted)
     padded = np.pad(covariance, ((seen.motions, 0), (seen.motions, 0)))
-    return _fit_at(seen, seen.start, padded, white, observations.noise.whiten(J))
+    return _fit_at(seen, seen.start, padded, white, observations.noise.whiten(J), observations.known[0])

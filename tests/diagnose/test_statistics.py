@@ -353,7 +353,7 @@ def test_of_many_poses_each_is_deleted_but_no_two() -> None:
     q /= np.linalg.norm(q)
     left = rng.standard_normal(3 * count)
     left[pose == alone] += 12.0 * q[pose == alone]
-    case = replace(base, A=A, residuals=left, pose=pose)
+    case = replace(base, A=A, residuals=left, pose=pose, held=np.zeros(4))
     few = [replace(subspaces[0], Q=q[:, None])]
     chosen, without = Subset((0,), 0.0, 1, 0.0), Subset((), 0.0, 0, 0.0)
 

@@ -14,7 +14,7 @@ from qsframework.estimation import (
     orthonormal,
 )
 from qsframework.estimation.linear_fit import Whitened, without_outliers
-from qsframework.estimation.projection import Flags
+from qsframework.estimation.projection import Flags, spanned
 from qsframework.plugin import Array, Indices
 
 blocks: Indices = np.repeat(np.arange(9), [1, 1, 2, 3, 3, 3, 6, 6, 15])
@@ -55,6 +55,16 @@ def test_blocks_need_not_stand_together() -> None:
     order = np.random.default_rng(2).permutation(len(y))
     mixed = LinearFit(Q[order], left(Q, y)[order]).held_out_errors(7 * blocks[order] + 3)
     assert mixed == pytest.approx(LinearFit(Q, left(Q, y)).held_out_errors(blocks)[order], rel=1e-9)
+
+
+def test_what_readings_hardly_tell_beside_what_is_known_is_not_taken_out() -> None:
+    A, y = problem(3)
+    nothing = np.zeros(A.shape[1])
+    assert left(spanned(A, nothing), y) == pytest.approx(left(orthonormal(A), y), abs=1e-9)
+    tight, loose = nothing.copy(), nothing.copy()
+    tight[1], loose[1] = 1.0, 1e-9  # of readings that move by about 1e-6 in all
+    assert left(spanned(A, tight), y) == pytest.approx(left(orthonormal(A[:, [0, 2, 3, 4]]), y), abs=1e-9)
+    assert left(spanned(A, loose), y) == pytest.approx(left(orthonormal(A), y), abs=1e-9)
 
 
 def test_falls_of_the_sum_of_squares_are_those_of_refits() -> None:

@@ -128,7 +128,7 @@ def bic(rows: ReadingRows, fit: SettledFit, at: Indices | None = None) -> float:
         count * float(np.log(max(np.square(noise.whiten(residuals.ravel())).sum(), 1e-300))) + noise.log_det()
         for noise in visit_noise(rows).noises
     )
-    return min(costs) + fit.jacobian.shape[1] * float(np.log(count))
+    return min(costs) + fit.basis().shape[1] * float(np.log(count))
 
 
 def _visits(rows: ReadingRows) -> Indices:
@@ -162,7 +162,8 @@ def in_noise(rows: ReadingRows, unit: float, rho: float) -> ReadingRows:
 
 def library_basis(case: Case) -> Array:
     """Orthonormal directions (m, q) of the fitted parameters and of every cause that rises above the noise."""
-    columns = np.concatenate([case.A, *(B for B, c in zip(case.B, case.causes, strict=True) if not c.group)], axis=1)
+    own = [B for B, c in zip(case.B, case.causes, strict=True) if not c.group]
+    columns = np.concatenate([case.A - case.fit.given(case.A), *own], axis=1)
     return visible(columns.reshape(-1, 3, columns.shape[1]))
 
 
@@ -172,7 +173,7 @@ def far_from_linear(case: Case, fit: SettledFit) -> bool:
     Where both leave noise, what the fit leaves more, per parameter that it has less, follows an F distribution.
     """
     library = LinearFit.onto(library_basis(case), case.residuals)
-    dof, more = case.count - library.Q.shape[1], library.Q.shape[1] - fit.jacobian.shape[1]
+    dof, more = case.count - library.Q.shape[1], library.Q.shape[1] - fit.basis().shape[1]
     if dof < 1 or more < 1:
         return False
     ratio = float((fit.chi2 - library.chi2) / more * dof / library.chi2)
@@ -182,7 +183,7 @@ def far_from_linear(case: Case, fit: SettledFit) -> bool:
 def misfit(experiment: Experiment, readings: Readings, rows: ReadingRows, fit: SettledFit) -> LackOfFit:
     """How far the residuals of a fit are from the repeats, and what they depend on."""
     shape = (len(rows.keep), 3)
-    columns = fit.jacobian.reshape(*shape, -1)
+    columns = fit.basis().reshape(*shape, -1)
     axes = rows.padded(arm_axes(experiment, rows))
     return lack_of_fit(
         fit.white.reshape(shape),

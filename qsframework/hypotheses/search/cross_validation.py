@@ -161,7 +161,7 @@ def _matches(chosen: Sequence[int], alike: Sequence[set[int]]) -> bool:
 
 def _choose(case: Case, train: Indices, how: Search) -> tuple[int, ...]:
     """What the search finds in these readings alone: nothing where nothing is significant."""
-    gram = make_gram(how.subspaces, case.residuals, how.bounds, case.A, train)
+    gram = make_gram(how.subspaces, case.residuals, how.bounds, case.fit.Q, train)
     falls = gram.falls((), gram.visible)
     log_p = _log_p(how.subspaces, gram, falls, how)
     if not len(falls) or log_p.min() > how.threshold:

@@ -54,7 +54,7 @@ class Library:
 
     def unit(self, members: Sequence[int] = ()) -> float:
         """Variance of unit weight that some causes leave."""
-        used = self.case.A.shape[1] + sum(len(self.gram.at[i]) for i in members)
+        used = self.case.fit.Q.shape[1] + sum(len(self.gram.at[i]) for i in members)
         return max(self.gram.solve(members)[0] / max(self.gram.count - used, 1), 1e-300)
 
 

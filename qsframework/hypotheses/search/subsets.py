@@ -195,14 +195,14 @@ def make_gram(
     subspaces: Sequence[Subspace],
     residuals: Array,
     bounds: Bounds | None,
-    A: Array | None = None,
+    fitted: Array | None = None,
     kept: Indices | None = None,
 ) -> Gram:
-    """Products of the subspaces; of some scalar readings `kept` only, where A (m, f) must be taken out again."""
+    """Products of the subspaces; of some scalar readings `kept` only, where fitted (m, f) must be taken out again."""
     ends = np.cumsum([0, *(s.Q.shape[1] for s in subspaces)])
     Q = np.concatenate([s.Q for s in subspaces], axis=1)
-    if A is not None and kept is not None:
-        basis, _ = np.linalg.qr(A[kept])
+    if fitted is not None and kept is not None:
+        basis, _ = np.linalg.qr(fitted[kept])
         Q, residuals = left(basis, Q[kept]), left(basis, residuals[kept])
     return Gram(
         G=Q.T @ Q,
