@@ -26,10 +26,10 @@ import numpy as np
 from common import ran, show, table
 from scipy.stats import f
 
-from qsframework.design import generate_candidates
-from qsframework.diagnose import diagnose
+from qsframework.diagnoses import diagnose
 from qsframework.errors import QsfError
 from qsframework.experiment import Experiment, Plan, Readings, load_experiment, make_plan, simulate
+from qsframework.plans import generate_candidates
 from qsframework.plugin import Array, Poses
 from qsframework.report.result_json import diagnosis_json
 from qsframework.work import Work, run

@@ -26,18 +26,18 @@ import numpy as np
 import scipy.linalg
 from common import RUNS, cpu, memory, show, table
 
-from qsframework.design import CRITERIA
-from qsframework.design.catalogue import find_criterion
-from qsframework.design.column_generation import solve_columns
-from qsframework.design.criteria import Mean
-from qsframework.design.exact import Quotas, exchange
-from qsframework.design.options import STARTS
-from qsframework.design.relaxed import optimum
-from qsframework.design.task import make_task, white_basis
 from qsframework.elastostatics import Model, Site, make_model
 from qsframework.estimation import rank_test, scales
 from qsframework.information import as_rows, bound_of, everything, scores, weighted_information
 from qsframework.information.rows import MadeRows
+from qsframework.plans import CRITERIA
+from qsframework.plans.catalogue import find_criterion
+from qsframework.plans.column_generation import solve_columns
+from qsframework.plans.criteria import Mean
+from qsframework.plans.exact import Quotas, exchange
+from qsframework.plans.options import STARTS
+from qsframework.plans.relaxed import optimum
+from qsframework.plans.task import make_task, white_basis
 from qsframework.plugin import Poses, find
 from qsframework.robot import load_robot
 
@@ -169,7 +169,7 @@ def exact(parameters: int, sizes: list[int], count: int) -> dict[str, Any]:
 
 def reference(count: int, parameters: int, solver: str) -> dict[str, Any]:
     """The same problem as cvxpy solves it, and as column generation does."""
-    from qsframework.design import relaxed as module
+    from qsframework.plans import relaxed as module
 
     rows = robot_rows(count, parameters)
     allowed = everything(count)

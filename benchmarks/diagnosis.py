@@ -216,7 +216,7 @@ def _run(case: Case) -> Result:
 
 
 def _diagnosed(case: Case, truth: Truth) -> Result:
-    from qsframework.diagnose.diagnose import diagnose
+    from qsframework.diagnoses.diagnose import diagnose
     from qsframework.experiment import load_experiment, read_readings
     from qsframework.report.result_json import diagnosis_json
 

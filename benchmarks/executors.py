@@ -19,12 +19,12 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 import numpy as np
 
-from qsframework.applications.compare import compare
-from qsframework.applications.task import load_task
-from qsframework.design import DesignOptions, design
-from qsframework.diagnose import forecast
+from qsframework.diagnoses import forecast
 from qsframework.experiment import example, load_experiment
+from qsframework.plans import DesignOptions, design
 from qsframework.robot import load_robot
+from qsframework.uses.compare import compare
+from qsframework.uses.task import load_task
 from qsframework.work import HERE, Work, run
 
 Array = np.ndarray

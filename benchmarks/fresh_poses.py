@@ -17,7 +17,7 @@ from independent import Campaign, noisy, write_campaign
 from independent_arm import Array, Hidden
 
 if TYPE_CHECKING:
-    from qsframework.diagnose import Diagnosis
+    from qsframework.diagnoses import Diagnosis
 
 _POSES, _SEED = 60, 1_000_003
 _SAME: dict[str, set[str]] = {
@@ -130,7 +130,7 @@ def _error(fresh: Campaign, hidden: Hidden, of: Campaign, model: tuple[Any, Arra
 def _oracle(campaign: Campaign, hidden: Hidden, fresh: Campaign, folder: Path) -> float:
     """The error of the springs where the effect is known: readings and fresh poses without it, the same noise."""
     from qsframework.experiment import load_experiment, read_readings
-    from qsframework.identify import identify
+    from qsframework.fits import identify
 
     tables = noisy(campaign, campaign.clean(Hidden()))
     experiment = load_experiment(write_campaign(campaign, tables, folder / "oracle"))

@@ -32,14 +32,14 @@ from qsf_plugins.joint_offset import JointOffset
 from qsf_plugins.joint_placement import JointPlacement
 from qsf_plugins.marker_offset import MarkerOffset
 from qsf_plugins.offaxis_compliance import OffaxisCompliance
-from qsframework.applications.compensate import Compensation
-from qsframework.applications.inverse import arm_length, rigid_jacobian
-from qsframework.applications.targets import joint_targets
-from qsframework.design import generate_candidates
 from qsframework.elastostatics import equilibrium, make_model
 from qsframework.experiment import Experiment, Readings, load_experiment, read_readings
-from qsframework.identify import Fit, identify
+from qsframework.fits import Fit, identify
+from qsframework.plans import generate_candidates
 from qsframework.plugin import Array, Parameter, Poses
+from qsframework.uses.compensate import Compensation
+from qsframework.uses.inverse import arm_length, rigid_jacobian
+from qsframework.uses.targets import joint_targets
 from qsframework.work import Work, run
 
 START, STOP = "<!-- heavy arm -->", "<!-- end of heavy arm -->"

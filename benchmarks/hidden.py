@@ -21,13 +21,13 @@ from typing import Any
 
 import numpy as np
 
-from qsframework.design import generate_candidates
 from qsframework.elastostatics import Model, make_model
 from qsframework.elastostatics.equilibrium import settle
 from qsframework.elastostatics.sensors import sense
 from qsframework.errors import InputError, NotConverged
 from qsframework.experiment import Experiment, load_experiment, write_readings
 from qsframework.experiment.simulate import displaced
+from qsframework.plans import generate_candidates
 from qsframework.plugin import (
     Array,
     At,

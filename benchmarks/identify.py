@@ -50,7 +50,7 @@ def one(series: str, seed: int, model: str) -> dict[str, Any]:
     import numpy as np
 
     from qsframework.experiment import load_experiment, read_readings
-    from qsframework.identify import identify
+    from qsframework.fits import identify
 
     experiment = load_experiment(EXAMPLE / "experiment.yaml")
     experiment = experiment.with_(effects=tuple(e for e in experiment.effects if e.effect_name() in MODELS[model]))

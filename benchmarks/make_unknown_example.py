@@ -142,7 +142,7 @@ def targets(made: Campaign, path: Path) -> None:
 
 def two_days(made: Campaign, size: float, folder: Path) -> None:
     """The first poses as a day of their own, and the visits that its diagnosis asks for, measured by the same arm."""
-    from qsframework.diagnose import diagnose, follow_up
+    from qsframework.diagnoses import diagnose, follow_up
     from qsframework.experiment import load_experiment, read_readings
 
     assert made.setting.plan is not None
@@ -171,8 +171,8 @@ def main() -> None:
     from typer.testing import CliRunner
 
     from qsframework.cli.app import app
-    from qsframework.diagnose import diagnose
-    from qsframework.diagnose.learn import curve
+    from qsframework.diagnoses import diagnose
+    from qsframework.diagnoses.learn import curve
     from qsframework.experiment import load_experiment, read_readings
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)

@@ -27,9 +27,6 @@ import numpy as np
 from common import PAGE, replace_between, table
 from heavy_arm import at_levels, rms, write_experiment, write_robot
 
-from qsframework.design import design, generate_candidates
-from qsframework.design.options import DesignOptions
-from qsframework.design.tip import tip_rows, unstated
 from qsframework.elastostatics import equilibrium
 from qsframework.errors import NotIdentifiable
 from qsframework.estimation import scales
@@ -39,6 +36,9 @@ from qsframework.experiment.prior import priors_of
 from qsframework.experiment.simulate import planned_readings
 from qsframework.experiment.stations import station_frame
 from qsframework.information.sensitivities import covariance_after, plan_columns
+from qsframework.plans import design, generate_candidates
+from qsframework.plans.options import DesignOptions
+from qsframework.plans.tip import tip_rows, unstated
 from qsframework.plugin import Array, Poses
 
 START, STOP = "<!-- mixed plans -->", "<!-- end of mixed plans -->"

@@ -26,12 +26,6 @@ import numpy as np
 from common import memory, show, table
 from figaroh import readings as ur10_readings, rms, run as figaroh
 
-from qsframework.design import DesignOptions, design
-from qsframework.design.certified import relaxed_design
-from qsframework.design.column_generation import Relaxed
-from qsframework.design.criteria import Determinant, Mean
-from qsframework.design.exact import Quotas, exchange
-from qsframework.design.problem import make_problem
 from qsframework.errors import QsfError
 from qsframework.estimation import scales
 from qsframework.experiment import Experiment, Plan, Readings, load_experiment, observation_model, read_readings
@@ -39,8 +33,14 @@ from qsframework.experiment.noise import NoiseModel
 from qsframework.experiment.observations import start_values
 from qsframework.experiment.simulate import planned_readings
 from qsframework.experiment.stations import station_frame
-from qsframework.identify import identify
+from qsframework.fits import identify
 from qsframework.information import predicted_sd
+from qsframework.plans import DesignOptions, design
+from qsframework.plans.certified import relaxed_design
+from qsframework.plans.column_generation import Relaxed
+from qsframework.plans.criteria import Determinant, Mean
+from qsframework.plans.exact import Quotas, exchange
+from qsframework.plans.problem import make_problem
 from qsframework.plugin import Array, Indices
 
 Row = tuple[str, str, str]

@@ -25,14 +25,14 @@ from typing import Any
 import numpy as np
 from common import replace_between, shelved, table
 
-from qsframework.design import DesignOptions, design, generate_candidates
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError
 from qsframework.estimation import FitOptions, scales
 from qsframework.experiment import Experiment, Frame, LoadCase, Readings, load_experiment, observation_model
 from qsframework.experiment.simulate import displaced
-from qsframework.identify import identify
+from qsframework.fits import identify
 from qsframework.information.selection import identifiable_names
+from qsframework.plans import DesignOptions, design, generate_candidates
 from qsframework.plugin import Array, Conditions, Effect, Parameter, Poses, build_effects
 from qsframework.plugin.registry import registry
 

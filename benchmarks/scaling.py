@@ -26,16 +26,16 @@ import numpy as np
 from common import ROOT, RUNS, show, table, turns
 from design import model_of, robot_rows, sample
 
-from qsframework.design import CRITERIA, generate_candidates
-from qsframework.design.column_generation import solve_columns
-from qsframework.design.criteria import Mean
-from qsframework.design.exact import Quotas, exchange
-from qsframework.design.options import STARTS
-from qsframework.design.task import make_task, white_basis
-from qsframework.diagnose.diagnose import diagnose
+from qsframework.diagnoses.diagnose import diagnose
 from qsframework.experiment import Experiment, Readings, load_experiment, make_plan, simulate
-from qsframework.identify import identify
+from qsframework.fits import identify
 from qsframework.information import as_rows, everything
+from qsframework.plans import CRITERIA, generate_candidates
+from qsframework.plans.column_generation import solve_columns
+from qsframework.plans.criteria import Mean
+from qsframework.plans.exact import Quotas, exchange
+from qsframework.plans.options import STARTS
+from qsframework.plans.task import make_task, white_basis
 from qsframework.plugin import Poses
 
 PICTURE = ROOT / "docs" / "images" / "scaling.svg"

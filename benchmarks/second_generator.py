@@ -45,7 +45,7 @@ from touched import TOUCHED
 from untouched import UNTOUCHED
 
 if TYPE_CHECKING:
-    from qsframework.diagnose import Diagnosis
+    from qsframework.diagnoses import Diagnosis
 
 GROUPS = ("second_effects", "second_nulls", "second_structures")
 _SETS = {"kinds_a": KINDS_A, "kinds_b": KINDS_B, "kinds_c": KINDS_C, "kinds_d": KINDS_D}
@@ -245,8 +245,8 @@ def _planned(setting: Setting, rng: np.random.Generator) -> Setting:
 @cache
 def designed(name: str, poses: int, seed: int) -> Array:
     """Pendant angles (poses, n) rad of a plan by the product's own design."""
-    from qsframework.design import design
     from qsframework.experiment import load_experiment
+    from qsframework.plans import design
 
     arm = ARMS[name]
     with tempfile.TemporaryDirectory() as folder:
@@ -279,7 +279,7 @@ def run(case: Case, code: str) -> Result:
 
 def answer(told: Told, fresh: bool = False) -> Result:
     """What the diagnosis says of these files; fresh: and what it is worth at poses that nobody has measured."""
-    from qsframework.diagnose import diagnose
+    from qsframework.diagnoses import diagnose
     from qsframework.errors import QsfError
     from qsframework.experiment import load_experiment, read_readings
 
@@ -321,7 +321,7 @@ def answer(told: Told, fresh: bool = False) -> Result:
 def second_day(told: Told, found: Diagnosis) -> Result | None:
     """What the diagnosis says of both days, after the visits that it asked for, and with what it asked to mount; None
     where it asked for none."""
-    from qsframework.diagnose import follow_up
+    from qsframework.diagnoses import follow_up
     from qsframework.errors import QsfError
 
     first, visits = told.campaign.setting, told.campaign.visits[0]
@@ -354,7 +354,7 @@ def _mount(asked: Any, told: Told) -> Mount:
 
 def _both_days(told: Told, day: Campaign, mounts: Sequence[Mount]) -> Result:
     """What a diagnosis says of both days, with readings of what is mounted on the second."""
-    from qsframework.diagnose import diagnose
+    from qsframework.diagnoses import diagnose
     from qsframework.experiment import load_experiment, read_readings
 
     first = told.campaign.setting.poses

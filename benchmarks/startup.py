@@ -103,7 +103,7 @@ def whole(runs: int) -> str:
 
 STEPS = """
 import json, time
-from qsframework.diagnose import diagnose
+from qsframework.diagnoses import diagnose
 from qsframework.experiment import load_experiment, read_readings
 experiment = load_experiment({path!r})
 readings = read_readings(experiment.data, experiment)

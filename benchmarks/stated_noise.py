@@ -21,14 +21,14 @@ import numpy as np
 from clean import ROBOTS, plan_of
 from common import PAGE, replace_between, shelved, table
 
-from qsframework.design import generate_candidates
-from qsframework.design.problem import joint_sd
-from qsframework.diagnose import diagnose
+from qsframework.diagnoses import diagnose
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Frame, Readings, load_experiment, make_rows, read_readings
 from qsframework.experiment.simulate import planned_readings
-from qsframework.identify import identify
-from qsframework.identify.fit import Fit
+from qsframework.fits import identify
+from qsframework.fits.fit import Fit
+from qsframework.plans import generate_candidates
+from qsframework.plans.problem import joint_sd
 from qsframework.plugin import Array
 from qsframework.work import Work, run
 

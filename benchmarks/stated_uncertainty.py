@@ -22,14 +22,14 @@ from common import replace_between, table
 from independent import Built, Campaign, Setting, built, forces, noisy, random_poses, write_campaign
 from independent_arm import HEAVY, Array, Hidden, Visits, positions, still_visits, turn
 
-from qsframework.applications import compensate
-from qsframework.applications.certificate import MetaSpec, certify
-from qsframework.applications.inverse import arm_length, rigid_jacobian
-from qsframework.applications.targets import joint_targets
 from qsframework.experiment import Experiment, load_experiment, read_readings
-from qsframework.identify import identify
-from qsframework.identify.fit import Fit
-from qsframework.identify.record import COVERAGE
+from qsframework.fits import identify
+from qsframework.fits.fit import Fit
+from qsframework.fits.record import COVERAGE
+from qsframework.uses import compensate
+from qsframework.uses.certificate import MetaSpec, certify
+from qsframework.uses.inverse import arm_length, rigid_jacobian
+from qsframework.uses.targets import joint_targets
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "certificate.md"
 START, STOP = "<!-- table of benchmarks/stated_uncertainty.py -->", "<!-- end of the table of stated uncertainties -->"

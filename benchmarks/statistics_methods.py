@@ -15,7 +15,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "docs" / "paper"))
 from paper_steps import planar_rows, step_one_covariance, stiffness_rows
 
-from qsframework.identify.two_step import step_two, stiffness_covariance
+from qsframework.fits.two_step import step_two, stiffness_covariance
 from qsframework.plugin import Array
 
 LC, L2, L3 = 0.4722, 0.8609, 1.0

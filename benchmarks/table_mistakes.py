@@ -523,7 +523,7 @@ def ask(kind: Kind, number: int, seed: int, whole: bool, beside: float = 0.0) ->
         try:
             experiment, readings = files(campaign, told, page.values, Path(folder))
             if whole:
-                from qsframework.diagnose import diagnose
+                from qsframework.diagnoses import diagnose
 
                 found = diagnose(experiment, readings)
                 conventions = found.conventions

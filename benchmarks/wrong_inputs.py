@@ -27,12 +27,12 @@ from independent import NOISES, Campaign, noisy, write_campaign
 from independent_arm import ARMS, Hidden
 from independent_effects import campaign_for
 
-from qsframework.applications.compensate import compensate
-from qsframework.applications.targets import joint_targets
 from qsframework.errors import NotConverged, QsfError
 from qsframework.estimation import rms
 from qsframework.experiment import Experiment, Readings, load_experiment, make_rows, read_readings
-from qsframework.identify import Fit, identify
+from qsframework.fits import Fit, identify
+from qsframework.uses.compensate import compensate
+from qsframework.uses.targets import joint_targets
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "results.md"
 HARM = 3.0

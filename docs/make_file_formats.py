@@ -21,10 +21,7 @@ from pydantic.fields import FieldInfo
 
 from qsf_trackers.mapping import MappingSpec
 from qsframework import units
-from qsframework.applications import targets
-from qsframework.applications.certificate import DeviceSpec, MetaSpec, PartySpec
-from qsframework.applications.task import CampaignSpec, MapSpec, PointSpec, TaskSpec
-from qsframework.diagnose import diagnose
+from qsframework.diagnoses import diagnose
 from qsframework.estimation import Interval
 from qsframework.experiment import Frame, example, load_experiment, plan, read_readings, readings_table, spec as e
 from qsframework.experiment.account import Account
@@ -32,10 +29,13 @@ from qsframework.experiment.columns import Column
 from qsframework.experiment.finding import Finding
 from qsframework.files import FileModel, FileRecord, Unit, fields, measured
 from qsframework.files.formats import FORMAT
-from qsframework.identify import Estimate, FitRecord, Held, Masked
+from qsframework.fits import Estimate, FitRecord, Held, Masked
 from qsframework.information import NotEstimated
 from qsframework.report.result_json import diagnosis_json
 from qsframework.robot.spec import JointSpec, RobotSpec
+from qsframework.uses import targets
+from qsframework.uses.certificate import DeviceSpec, MetaSpec, PartySpec
+from qsframework.uses.task import CampaignSpec, MapSpec, PointSpec, TaskSpec
 
 DOCS = Path(__file__).parent
 PAGE = DOCS / "file-formats.md"

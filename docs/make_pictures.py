@@ -18,7 +18,7 @@ import numpy as np
 from every_report import COMMANDS, make_reports
 
 from qsframework.experiment import load_experiment, read_readings
-from qsframework.identify import identify
+from qsframework.fits import identify
 from qsframework.report.printed import write_page
 from qsframework.robot import load_robot
 

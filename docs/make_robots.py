@@ -11,8 +11,8 @@ import re
 import time
 from pathlib import Path
 
-from qsframework.applications.conformance import STEPS, GravityCheck, check_robot
 from qsframework.robot import Robot, load_robot
+from qsframework.uses.conformance import STEPS, GravityCheck, check_robot
 
 DOCS = Path(__file__).parent
 PAGE = DOCS / "robots.md"

@@ -151,11 +151,11 @@ def _answers(tmp_path_factory: pytest.TempPathFactory) -> None:
 
 ASKERS = (
     "qsframework",
-    "qsframework.applications.certificate",
-    "qsframework.applications.conformance",
+    "qsframework.uses.certificate",
+    "qsframework.uses.conformance",
     "qsf_day.so_far",
     "qsframework.cli.diagnose",
-    "qsframework.diagnose",
+    "qsframework.diagnoses",
 )
 """Modules that know `diagnose` by its name."""
 

@@ -12,7 +12,7 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
-from qsframework.diagnose import Diagnosis, diagnose as qsf_diagnose
+from qsframework.diagnoses import Diagnosis, diagnose as qsf_diagnose
 from qsframework.experiment import Experiment, Readings
 from qsframework.work.carry import _Packer  # pyright: ignore[reportPrivateUsage]
 

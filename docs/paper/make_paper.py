@@ -22,7 +22,7 @@ import paper_plots as plots
 import paper_table5 as table5
 import paper_wrist as wrist
 
-from qsframework.design import design
+from qsframework.plans import design
 from qsframework.plugin import Array
 
 HERE = Path(__file__).resolve().parents[1]

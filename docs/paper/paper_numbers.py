@@ -10,12 +10,12 @@ from itertools import combinations
 import numpy as np
 from paper_steps import loss_range, planar_rows, step_one_covariance, stiffness_rows
 
-from qsframework.design import CRITERIA
-from qsframework.identify.two_step import step_two_information
+from qsframework.fits.two_step import step_two_information
+from qsframework.plans import CRITERIA
 from qsframework.plugin import Array
 
 CRITERIA_NAMES = ("A", "D", "O3")
-"""The paper's O1, O2 and O3, of `qsframework.design.CRITERIA`."""
+"""The paper's O1, O2 and O3, of `qsframework.plans.CRITERIA`."""
 
 FITTED = (0.4722, 0.8609)
 """lc and l2, m, fitted to Table 2, because the paper prints neither."""

@@ -3,7 +3,7 @@
 Step one: an aggregated compliance k2_i of joint 2 for each distinct elevation q2_i of link 2, beside the forearm's.
 Step two: K_2i = 1 / k2_i is linear in K2, Kc and s0 Kc. The angle b of (22) is the one at the shoulder between the
 balancer's base line and link 2; where that line is upright, b = pi/2 - q2. A whole arm takes its rows from the
-balancer's effect: `qsframework.identify.two_step`.
+balancer's effect: `qsframework.fits.two_step`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from qsframework.identify.two_step import distinct_angles
+from qsframework.fits.two_step import distinct_angles
 from qsframework.plugin import Array
 
 

@@ -12,12 +12,12 @@ from itertools import combinations
 
 import numpy as np
 
-from qsframework.design import CRITERIA, check_poses
-from qsframework.design.candidates import joint_range, reference_point
 from qsframework.elastostatics import Model, make_model
 from qsframework.estimation import rank_test, scales
 from qsframework.experiment import Experiment, LoadCase, Plan, example, load_experiment, make_plan, read_plan
 from qsframework.information import information, information_rows
+from qsframework.plans import CRITERIA, check_poses
+from qsframework.plans.candidates import joint_range, reference_point
 from qsframework.plugin import Array, Poses
 
 JOINTS = tuple(f"joint_compliance[joint_{k}]" for k in range(1, 7))

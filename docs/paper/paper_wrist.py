@@ -10,8 +10,8 @@ from itertools import product
 import numpy as np
 import paper_table5 as table5
 
-from qsframework.design import CRITERIA
-from qsframework.design.candidates import reference_point
+from qsframework.plans import CRITERIA
+from qsframework.plans.candidates import reference_point
 from qsframework.plugin import Array, Poses
 
 Z_MIN, AXIS_1_MIN = 0.5, 1.0

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from qsframework.applications import compensate, joint_targets
 from qsframework.experiment import example, load_experiment, read_readings
-from qsframework.identify import identify, read_fit, write_fit
+from qsframework.fits import identify, read_fit, write_fit
+from qsframework.uses import compensate, joint_targets
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "qsf-script")  # its own: nothing of yours is replaced
 folder.mkdir(exist_ok=True)

@@ -3,9 +3,9 @@
 import sys
 from pathlib import Path
 
-from qsframework.design import design
 from qsframework.experiment import example, load_experiment, read_plan, simulate, write_plan
-from qsframework.identify import identify
+from qsframework.fits import identify
+from qsframework.plans import design
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "qsf-script")  # its own: nothing of yours is replaced
 folder.mkdir(exist_ok=True)

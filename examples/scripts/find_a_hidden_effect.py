@@ -1,7 +1,7 @@
 """Find the effect that is hidden in a campaign's readings: its name, its evidence, and what it gains."""
 
 from qsframework import diagnosis_words
-from qsframework.diagnose import diagnose
+from qsframework.diagnoses import diagnose
 from qsframework.experiment import example, load_experiment, read_readings
 
 experiment = load_experiment(example("hidden_effect") / "experiment.yaml")

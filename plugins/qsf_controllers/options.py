@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from qsframework.design.options import Order, RepeatShare
 from qsframework.option import Option, Options, Seed
+from qsframework.plans.options import Order, RepeatShare
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,7 +20,7 @@ from qsframework.cli import (
     progress,
     write_json,
 )
-from qsframework.design import draft, make_programme, with_repeats
+from qsframework.plans import draft, make_programme, with_repeats
 from qsframework.plugin import Programme
 
 

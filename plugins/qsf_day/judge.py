@@ -23,13 +23,13 @@ import numpy.typing as npt
 
 from qsf_day.protocol import Protocol
 from qsf_day.record import Slot
-from qsframework.applications.inverse import poses_at
 from qsframework.elastostatics import Model
 from qsframework.estimation.linear_fit import Whitened
 from qsframework.estimation.tails import chi2_sf, f_sf, normal_sf
 from qsframework.experiment import Experiment, Frame, motion_rows, procrustes
 from qsframework.plugin import Array, Poses
 from qsframework.robot.kinematics import joint_frames
+from qsframework.uses.inverse import poses_at
 
 _SIGMA = 5e-5
 """m: noise of a coordinate where the experiment states none."""

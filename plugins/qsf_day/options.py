@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Annotated
 
 from qsframework.cli import ExperimentFile, PlanFile
-from qsframework.design.options import Order, RepeatShare
 from qsframework.option import Option, Options, Seed
+from qsframework.plans.options import Order, RepeatShare
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,7 +16,6 @@ import numpy as np
 
 from qsf_day.options import ProtocolOptions
 from qsframework.arguments import checked
-from qsframework.design import check_plan, load_name, payload_notes, visits, with_repeats
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import (
     HALF_LOAD,
@@ -29,6 +28,7 @@ from qsframework.experiment import (
     seen_markers,
     write_table,
 )
+from qsframework.plans import check_plan, load_name, payload_notes, visits, with_repeats
 from qsframework.plugin import Array
 from qsframework.units import JointUnits
 

@@ -21,7 +21,7 @@ from qsframework.experiment import Experiment, Readings, load_experiment, read_r
 from qsframework.files import sha256
 
 if TYPE_CHECKING:
-    from qsframework.diagnose import Diagnosis, FollowUp
+    from qsframework.diagnoses import Diagnosis, FollowUp
 
 SECOND_DAY = "follow-up.csv"
 """The plan of the visits that settle what a day's diagnosis leaves open."""
@@ -260,8 +260,8 @@ def finish(day: Day, files: DayFiles) -> list[str]:
     """Fit, validation, diagnosis, reports and certificate of the day, in its folder; what became of each."""
     from qsf_day.so_far import accepted
     from qsframework.cli import write_json
-    from qsframework.diagnose import diagnose
-    from qsframework.identify import identify
+    from qsframework.diagnoses import diagnose
+    from qsframework.fits import identify
     from qsframework.report.results import report
     from qsframework.report.words.fit import verdict_words
     from qsframework.report.words.headline import headline
@@ -298,7 +298,7 @@ def finish(day: Day, files: DayFiles) -> list[str]:
 def second_day(found: Diagnosis, folder: Path) -> tuple[FollowUp | None, list[str]]:
     """The visits that would settle what a diagnosis leaves open, as a plan in the day's folder, and what is said of
     them; none where nothing is open."""
-    from qsframework.diagnose import follow_up
+    from qsframework.diagnoses import follow_up
     from qsframework.experiment import write_plan
     from qsframework.report.words.follow_up import follow_up_words
 
@@ -314,13 +314,13 @@ def second_day(found: Diagnosis, folder: Path) -> tuple[FollowUp | None, list[st
 
 def certificate_of(experiment: Experiment, readings: Readings, found: Diagnosis | None, folder: Path) -> list[str]:
     """The certificate of the day's fit; of the extended one, in a folder of its own, where a diagnosis asks for it."""
-    from qsframework.applications.certificate import certify, read_meta
     from qsframework.cli import write_json
     from qsframework.experiment.account import added_effects
-    from qsframework.identify import identify, read_fit
+    from qsframework.fits import identify, read_fit
     from qsframework.report.certificate_page import write_certificate
     from qsframework.report.extended import extended_words, write_extended
     from qsframework.report.words.certificate import conformity_words
+    from qsframework.uses.certificate import certify, read_meta
 
     out, made = list[str](), folder
     if found is not None and (found.account.causes or (found.learned is not None and found.learned.holds)):

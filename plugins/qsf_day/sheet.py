@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from qsf_day.protocol import Protocol, Visit
-from qsframework.design import turning
 from qsframework.files import sha256
+from qsframework.plans import turning
 from qsframework.report.printed import rendered, write_page
 from qsframework.units import JointUnits
 

@@ -17,16 +17,16 @@ import numpy as np
 from qsf_day.judge import Expected
 from qsf_day.record import TABLE, Entry, write_readings
 from qsf_day.session import Day
-from qsframework.design import design, joint_sd
-from qsframework.diagnose import diagnose
+from qsframework.diagnoses import diagnose
 from qsframework.errors import QsfError
 from qsframework.experiment import Experiment, Plan, Readings, read_readings
 from qsframework.experiment.finding import Finding
-from qsframework.identify import Fit, identify
+from qsframework.fits import Fit, identify
+from qsframework.plans import design, joint_sd
 from qsframework.units import JointUnits
 
 if TYPE_CHECKING:
-    from qsframework.diagnose import Diagnosis
+    from qsframework.diagnoses import Diagnosis
 
 _ENOUGH = 1.1
 """An sd this many times the predicted one is as good as it."""

@@ -33,8 +33,8 @@ def _print_chain(chain: Sequence[ChainJoint]) -> None:
 def run_new(name: str, urdf: Path | None, dh: Path | None, folder: Path | None, arm: Arm) -> None:
     """Write the folder of a new robot from a URDF or a table, try it, and print what is still to be looked up."""
     from qsf_onboarding.folder import new
-    from qsframework.applications.first_campaign import first_campaign
     from qsframework.robot.search import shadows
+    from qsframework.uses.first_campaign import first_campaign
 
     made = new(name, urdf, dh, folder, arm, lambda robot: first_campaign(robot, "."))
     print(f"{made.folder}: {', '.join(made.files)}")

@@ -19,13 +19,13 @@ from qsframework.cli.options import GONE, Anyway, DaskAddress, ExperimentFile, J
 from qsframework.cli.printing import held_back
 from qsframework.cli.stop import Stopped, listening
 from qsframework.cli.work import COMMANDS
-from qsframework.design.options import DesignOptions
-from qsframework.diagnose.options import DiagnoseOptions
+from qsframework.diagnoses.options import DiagnoseOptions
 from qsframework.errors import InputError, Problem, QsfError, refuse
 from qsframework.estimation.options import FitOptions, Linear
 from qsframework.experiment.options import ReadAs, Truth
-from qsframework.identify.options import Halves
+from qsframework.fits.options import Halves
 from qsframework.option import Option, Seed
+from qsframework.plans.options import DesignOptions
 from qsframework.terminal import folded, printable, width
 
 app = typer.Typer(

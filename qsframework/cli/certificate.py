@@ -23,11 +23,11 @@ def run_certificate(
     anyway: bool,
 ) -> None:
     """Certify a fit, say its main numbers, and write the page."""
-    from qsframework.applications.certificate import certify, read_meta
-    from qsframework.identify import read_fit
+    from qsframework.fits import read_fit
     from qsframework.report.certificate_page import heads, write_certificate
     from qsframework.report.words.certificate import conformity_words
     from qsframework.report.words.validation import validation_words
+    from qsframework.uses.certificate import certify, read_meta
 
     experiment = load_campaign(experiment_file)
     stored = read_fit(fit)

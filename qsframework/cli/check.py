@@ -133,7 +133,7 @@ def _of_robot(robot: Robot) -> tuple[Line, ...]:
 
 def experiment_lines(experiment: Experiment, readings: Readings) -> list[Line]:
     """What the readings say of themselves, and what is wrong with them."""
-    from qsframework.identify import identify
+    from qsframework.fits import identify
     from qsframework.screening import FILES, STAND_OUT, find_mistakes
     from qsframework.screening.closure import check_states
 
@@ -175,7 +175,7 @@ def _report(checked: Sequence[Checked], report: Path) -> None:
 
 def run_conformance(files: Sequence[Path]) -> None:
     """Try every robot with everything; InputError that lists what did not hold."""
-    from qsframework.applications.conformance import check_robot
+    from qsframework.uses.conformance import check_robot
 
     failed: list[str] = []
     for file in files:

@@ -6,14 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from qsframework.applications.compare import compare
-from qsframework.applications.task import load_task
 from qsframework.cli.commands import distinct_outputs, note_folders, write_json
 from qsframework.cli.pairs import pairs
 from qsframework.cli.printing import print_folded, print_table, print_verdict
 from qsframework.cli.progress import progress
 from qsframework.errors import InputError, Problem
 from qsframework.robot import Robot, as_robot
+from qsframework.uses.compare import compare
+from qsframework.uses.task import load_task
 from qsframework.work import HERE, Work
 
 
@@ -63,8 +63,8 @@ def identified(
     robots: list[Robot], fits: Mapping[str, str], anyway: bool = False
 ) -> tuple[list[Robot], dict[str, tuple[str, ...]]]:
     """The robots with the values of their fits, and what to note of each."""
-    from qsframework.applications.robot_from_fit import with_fit
-    from qsframework.identify import read_fit
+    from qsframework.fits import read_fit
+    from qsframework.uses.robot_from_fit import with_fit
 
     unknown = [name for name in fits if name not in {r.name for r in robots}]
     if unknown:

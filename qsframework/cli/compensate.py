@@ -9,14 +9,6 @@ from types import MappingProxyType
 
 import numpy as np
 
-from qsframework.applications.compensate import Compensation, compensate
-from qsframework.applications.programme_targets import (
-    ProgrammeOptions,
-    ProgrammeTargets,
-    corrected_texts,
-    read_programme,
-)
-from qsframework.applications.targets import flange_pose, read_targets
 from qsframework.cli.commands import certificate_of_positions, distinct_outputs, load_campaign, write_json
 from qsframework.cli.declared import Values
 from qsframework.cli.files import CORRECTED, CompensateFiles
@@ -26,10 +18,18 @@ from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment
 from qsframework.experiment.columns import WRENCH_NAMES, write_table
 from qsframework.files.output import write_bytes
-from qsframework.identify import FitRecord, read_fit
-from qsframework.identify.soundness import check_fit
+from qsframework.fits import FitRecord, read_fit
+from qsframework.fits.soundness import check_fit
 from qsframework.plugin import Array
 from qsframework.plugin.language import endings, is_programme, programme_files
+from qsframework.uses.compensate import Compensation, compensate
+from qsframework.uses.programme_targets import (
+    ProgrammeOptions,
+    ProgrammeTargets,
+    corrected_texts,
+    read_programme,
+)
+from qsframework.uses.targets import flange_pose, read_targets
 
 _SHOWN = 20
 _DIFF = 120

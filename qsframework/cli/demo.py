@@ -23,7 +23,7 @@ from qsframework.experiment import (
     write_plan,
 )
 from qsframework.experiment.measured import keep_measured, write_simulated
-from qsframework.identify import Fit, identify
+from qsframework.fits import Fit, identify
 from qsframework.plugin import build_effects
 from qsframework.plugin.registry import with_role
 from qsframework.report import (
@@ -153,7 +153,7 @@ def _compare_models(fits: dict[str, Fit]) -> Section:
 
 def designed_plan(output: Path, seed: int, tell: Tell) -> tuple[list[Section], dict[str, Any]]:
     """Design 12 poses for the M-900iB, simulate them, identify, compare with the truth and with Table 5."""
-    from qsframework.design import design
+    from qsframework.plans import design
 
     experiment = load_experiment(example("m900ib") / "experiment.yaml")
     plan = design(experiment, POSES, "D", CANDIDATES, seed, progress=tell)
@@ -179,8 +179,8 @@ def designed_plan(output: Path, seed: int, tell: Tell) -> tuple[list[Section], d
 
 def _against_table5(experiment: Experiment, plan: Plan) -> ReportTable:
     """Promised sds beside those of the paper's Table 5 under the weight alone."""
-    from qsframework.design import broken_constraints
     from qsframework.information import predicted_sd
+    from qsframework.plans import broken_constraints
 
     paper = read_plan(example("m900ib") / "table5.csv", experiment)
     weight = replace(plan, wrench=np.tile(paper.wrench[:1], (len(plan.pose), 1)))

@@ -13,7 +13,12 @@ from qsframework.cli.files import DesignFiles
 from qsframework.cli.identify import ROWS
 from qsframework.cli.printing import print_folded, print_table, print_verdict
 from qsframework.cli.progress import progress
-from qsframework.design import (
+from qsframework.elastostatics import range_notes
+from qsframework.errors import InputError
+from qsframework.experiment import Experiment, Plan, Readings, read_plan, read_readings, write_plan
+from qsframework.experiment.prior import priors_of
+from qsframework.information import predicted_sd
+from qsframework.plans import (
     DesignOptions,
     design,
     equivalent_poses,
@@ -23,14 +28,9 @@ from qsframework.design import (
     plan_for,
     read_candidates,
 )
-from qsframework.design.candidates import Candidates
-from qsframework.design.need import Needed
-from qsframework.design.problem import counted_once
-from qsframework.elastostatics import range_notes
-from qsframework.errors import InputError
-from qsframework.experiment import Experiment, Plan, Readings, read_plan, read_readings, write_plan
-from qsframework.experiment.prior import priors_of
-from qsframework.information import predicted_sd
+from qsframework.plans.candidates import Candidates
+from qsframework.plans.need import Needed
+from qsframework.plans.problem import counted_once
 from qsframework.plugin import Array
 from qsframework.report import certificate_text, sd_table, write_report
 from qsframework.report.blocks import ReportTable
@@ -128,8 +128,8 @@ def _needed(
 ) -> tuple[Candidates, Needed]:
     """The smallest plan for a task. InputError where another option asks for something else, or the arm does not reach
     a point."""
-    from qsframework.applications.inverse import standing, tool_of
-    from qsframework.applications.task import load_task_path
+    from qsframework.uses.inverse import standing, tool_of
+    from qsframework.uses.task import load_task_path
 
     if files.test_poses is not None or files.taken or options.budget is not None:
         raise InputError(

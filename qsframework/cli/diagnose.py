@@ -8,9 +8,9 @@ from qsframework.cli.commands import distinct_outputs, load_campaign, readings_f
 from qsframework.cli.files import DiagnoseFiles
 from qsframework.cli.printing import print_folded, print_line, print_table
 from qsframework.cli.progress import Tell, progress
-from qsframework.diagnose import STEPS, DiagnoseOptions, Diagnosis, FollowUp, diagnose, follow_up
-from qsframework.diagnose.extend import check_folder
-from qsframework.diagnose.mounts import mounts_of
+from qsframework.diagnoses import STEPS, DiagnoseOptions, Diagnosis, FollowUp, diagnose, follow_up
+from qsframework.diagnoses.extend import check_folder
+from qsframework.diagnoses.mounts import mounts_of
 from qsframework.errors import InputError
 from qsframework.experiment import load_experiment, read_readings
 from qsframework.experiment.account import added_effects

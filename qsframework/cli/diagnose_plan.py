@@ -23,7 +23,7 @@ def run_foresight(
     verbose: bool = False,
 ) -> None:
     """Print, before anything is measured, what a plan would detect and name, and what stays invisible."""
-    from qsframework.diagnose import forecast
+    from qsframework.diagnoses import forecast
     from qsframework.elastostatics import range_notes
     from qsframework.information import predicted_uncertainties
     from qsframework.report.plan_section import predicted_table

@@ -14,7 +14,7 @@ from qsframework.experiment import Experiment, Readings, read_readings
 
 if TYPE_CHECKING:
     from qsframework.estimation import FitOptions
-    from qsframework.identify import Fit, FitRecord, Masked
+    from qsframework.fits import Fit, FitRecord, Masked
     from qsframework.report.blocks import Verdict
 
 
@@ -25,7 +25,7 @@ ROWS, _NOT_ESTIMATED = 11, 4
 
 def cleaned(experiment: Experiment, readings: Readings, fit: list[str] | None) -> tuple[Readings, tuple[Masked, ...]]:
     """The readings without the rows that should not be used as they stand; what is wrong is printed, a line each."""
-    from qsframework.identify import masked_words
+    from qsframework.fits import masked_words
     from qsframework.screening import find_mistakes, masked
 
     found = [c for c in find_mistakes(_asked(experiment, fit), readings) if c.compelling or c.mask is not None]
@@ -40,8 +40,8 @@ def cleaned(experiment: Experiment, readings: Readings, fit: list[str] | None) -
 
 def run_identify(files: FitFiles, fit: list[str] | None, options: FitOptions, clean: bool) -> None:
     """Identify, print the fit, write the files and the report."""
-    from qsframework.identify import identify
-    from qsframework.identify.io import result_files
+    from qsframework.fits import identify
+    from qsframework.fits.io import result_files
     from qsframework.report.words.fit import fit_verdict
 
     experiment = load_campaign(files.experiment)
@@ -83,8 +83,8 @@ def _other(path: Path | None, experiment: Experiment) -> FitRecord | None:
     """The fit of another campaign of the same robot."""
     if path is None:
         return None
-    from qsframework.identify import read_fit
-    from qsframework.identify.soundness import check_robot
+    from qsframework.fits import read_fit
+    from qsframework.fits.soundness import check_robot
 
     other = read_fit(path)
     check_robot(other, experiment.robot)
@@ -116,7 +116,7 @@ def _tell(result: Fit, verdict: Verdict, other: FitRecord | None, verbose: bool)
 
 def run_validate(files: FitFiles, fit: Path, halves: int, seed: int) -> None:
     """Tell how far readings that a fit has not seen are from it, or random halves of its own."""
-    from qsframework.identify import read_fit, validate, validate_halves
+    from qsframework.fits import read_fit, validate, validate_halves
     from qsframework.report.validation_section import validation_section, validation_tables
     from qsframework.report.words.validation import validation_verdict
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from qsframework.applications.kinematics import WRITERS, Fitted, Written, fitted, offset_rows, write_offsets
 from qsframework.cli.commands import certificate_of_positions, distinct_outputs, load_campaign, write_json
 from qsframework.cli.printing import print_folded, print_notes, print_table
 from qsframework.errors import some_of
 from qsframework.files import as_file
-from qsframework.identify import read_fit
+from qsframework.fits import read_fit
+from qsframework.uses.kinematics import WRITERS, Fitted, Written, fitted, offset_rows, write_offsets
 
 _NAMES = {
     "urdf": "corrected URDF",

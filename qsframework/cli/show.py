@@ -14,8 +14,8 @@ from qsframework.cli.stop import Stopped
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Readings, load_experiment, read_plan, read_readings
 from qsframework.files import write_text
-from qsframework.identify import FitRecord, read_fit
-from qsframework.identify.soundness import check_fit
+from qsframework.fits import FitRecord, read_fit
+from qsframework.fits.soundness import check_fit
 from qsframework.robot import load_robot, robot_names
 from qsframework.robot.search import find_robot
 from qsframework.viz import Scene, SceneSite, serve, show_scene

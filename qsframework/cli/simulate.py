@@ -22,11 +22,11 @@ def run_simulate(
     report: Path | None = None,
 ) -> None:
     """Simulate a plan and write its readings."""
-    from qsframework.design import broken_constraints
-    from qsframework.design.constraints import touching
     from qsframework.elastostatics import range_notes
     from qsframework.experiment import simulate
     from qsframework.experiment.measured import keep_measured, write_simulated
+    from qsframework.plans import broken_constraints
+    from qsframework.plans.constraints import touching
 
     sidecar = beside(output, ".json")
     others = [path for path in (json, report) if path != sidecar]

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from qsframework.applications import stiffness_at
 from qsframework.cli.commands import distinct_outputs, note_folders, write_json
 from qsframework.cli.numbers import numbers, point_of, wrench_of
 from qsframework.cli.printing import print_folded, print_notes, print_table
 from qsframework.report.blocks import ReportTable, SceneView, Section, Text
 from qsframework.report.stiffness_section import deflection_words, stiffness_tables
 from qsframework.robot import load_robot
+from qsframework.uses import stiffness_at
 
 
 def run_stiffness(robot: str, pose: str, load: str, point: str, json: Path | None, report: Path | None) -> None:

@@ -7,11 +7,11 @@ from typing import Annotated
 
 import typer
 
-from qsframework.applications.options import ProgrammeOptions, Reference
 from qsframework.cli.declared import Values
 from qsframework.cli.files import CompensateFiles
 from qsframework.cli.options import Anyway, DaskAddress, ExperimentFile, Jobs, Json, Report, Trust
 from qsframework.option import Option, Seed
+from qsframework.uses.options import ProgrammeOptions, Reference
 
 
 def compensate(

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from qsframework.applications.certificate import Certificate, DeviceSpec, PartySpec, Quantity
 from qsframework.files import sha256
-from qsframework.identify.columns import SUITED
+from qsframework.fits.columns import SUITED
 from qsframework.report.blocks import Block, Lines, Mark, ReportTable, Section, Text, Verdict
 from qsframework.report.fit_plots import distribution_figure
 from qsframework.report.page import write_report
@@ -25,6 +24,7 @@ from qsframework.report.words.certificate import (
     held_out_words,
 )
 from qsframework.report.words.sizes import mm, shown
+from qsframework.uses.certificate import Certificate, DeviceSpec, PartySpec, Quantity
 
 _KELVIN = 273.15
 _MARKS = {True: Mark.GOOD, False: Mark.BAD, None: Mark.LOOK}

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from qsframework.applications.compare import Compared, Comparison
 from qsframework.plugin import Array
 from qsframework.report.blocks import Figure, Plot, ReportTable, SceneView, Section, Text
 from qsframework.report.numbers import row_table
@@ -15,6 +14,7 @@ from qsframework.report.plan_section import sd_words
 from qsframework.report.plots import COLOURS, ORANGE, SYMBOLS, blank, log_axis, panels, plotted, round_ticks
 from qsframework.report.words.sizes import shown_number, unit_shown
 from qsframework.robot.collision import Flags
+from qsframework.uses.compare import Compared, Comparison
 from qsframework.viz import task_scene
 
 

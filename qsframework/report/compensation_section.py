@@ -6,14 +6,14 @@ import html
 
 import numpy as np
 
-from qsframework.applications.compensate import Compensation
-from qsframework.applications.inverse import rigid_tip
-from qsframework.applications.stiffness import spring_shares
 from qsframework.experiment import Experiment, make_plan
 from qsframework.plugin import Array, Poses
 from qsframework.report.blocks import Figure, ReportTable, SceneView, Section, Text
 from qsframework.report.plots import AFTER, BEFORE, COLOURS, blank, log_axis, plotted
 from qsframework.report.words.compensation import own_cause
+from qsframework.uses.compensate import Compensation
+from qsframework.uses.inverse import rigid_tip
+from qsframework.uses.stiffness import spring_shares
 
 _MOST = 24
 """Targets in the scene."""

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from qsframework.diagnose.error_budget import error_budget
-from qsframework.diagnose.learn import curve, dots
-from qsframework.diagnose.options import seen_below
-from qsframework.diagnose.power import detection_rate, threshold
-from qsframework.diagnose.result import Diagnosis, LearnedLaw
+from qsframework.diagnoses.error_budget import error_budget
+from qsframework.diagnoses.learn import curve, dots
+from qsframework.diagnoses.options import seen_below
+from qsframework.diagnoses.power import detection_rate, threshold
+from qsframework.diagnoses.result import Diagnosis, LearnedLaw
 from qsframework.experiment import make_rows
 from qsframework.hypotheses.search.family_test import FamilyBlock, chance
 from qsframework.hypotheses.search.principal_angles import alias_classes, angle_matrix

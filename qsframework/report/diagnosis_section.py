@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from qsframework.diagnose.result import Diagnosis
-from qsframework.diagnose.second_day import FollowUp
+from qsframework.diagnoses.result import Diagnosis
+from qsframework.diagnoses.second_day import FollowUp
 from qsframework.report import diagnosis_plots as plots, diagnosis_tables as tables
 from qsframework.report.blocks import Block, Section, Text
 from qsframework.report.fit_plots import residual_view

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from qsframework.diagnose.result import Diagnosis, Line, NamedCause, Status, Value
-from qsframework.diagnose.second_day import FollowUp
+from qsframework.diagnoses.result import Diagnosis, Line, NamedCause, Status, Value
+from qsframework.diagnoses.second_day import FollowUp
 from qsframework.plugin import Parameter
 from qsframework.report.blocks import Lines, ReportTable
 from qsframework.report.words.diagnosis import (

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from qsframework.arguments import checked
-from qsframework.diagnose.audit_entries import audited_of
-from qsframework.diagnose.extend import Extension, write_extension
-from qsframework.diagnose.result import Diagnosis
-from qsframework.diagnose.second_day import FollowUp
+from qsframework.diagnoses.audit_entries import audited_of
+from qsframework.diagnoses.extend import Extension, write_extension
+from qsframework.diagnoses.result import Diagnosis
+from qsframework.diagnoses.second_day import FollowUp
 from qsframework.errors import InputError
 from qsframework.files import sha256
 from qsframework.report.words.diagnosis import diagnosis_words

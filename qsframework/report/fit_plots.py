@@ -10,7 +10,7 @@ import numpy as np
 
 from qsframework.estimation.tails import normal_isf
 from qsframework.experiment import Experiment, Readings
-from qsframework.identify import Estimate, Fit, FitRecord
+from qsframework.fits import Estimate, Fit, FitRecord
 from qsframework.plugin import Array, Indices
 from qsframework.report.blocks import Block, Figure, Lines, Plot, ReportTable, SceneView, Text
 from qsframework.report.numbers import MATRIX, matrix_table, row_table

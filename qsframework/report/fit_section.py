@@ -9,8 +9,8 @@ import numpy as np
 from qsframework.errors import some_of
 from qsframework.experiment import Experiment, Readings
 from qsframework.experiment.observations import values_before
-from qsframework.identify import Estimate, Fit, FitRecord, Masked
-from qsframework.identify.columns import COLUMNS, ERRORS, OWN, SUITED, FitColumn
+from qsframework.fits import Estimate, Fit, FitRecord, Masked
+from qsframework.fits.columns import COLUMNS, ERRORS, OWN, SUITED, FitColumn
 from qsframework.report.blocks import Block, ReportTable, SceneView, Section, Text
 from qsframework.report.fit_plots import (
     correlation_blocks,

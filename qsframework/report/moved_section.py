@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from qsframework.identify import Fit, FitRecord
-from qsframework.identify.moved import moved, same_readings
+from qsframework.fits import Fit, FitRecord
+from qsframework.fits.moved import moved, same_readings
 from qsframework.report.blocks import ReportTable
 from qsframework.report.words.sizes import number, shown_with_sd, unit_shown
 

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from qsframework.design.constraints import joint_range
 from qsframework.experiment import Experiment, Plan
 from qsframework.information import PredictedUncertainty, predicted_beyond
+from qsframework.plans.constraints import joint_range
 from qsframework.plugin import Array, Parameter
 from qsframework.report.blocks import ReportTable, SceneView, Section, Text
 from qsframework.report.words.plan import certificate_text

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from qsframework.diagnose.foresight import Foresight, Outlook, Prospect
-from qsframework.diagnose.unknown import SIZE, PlaceOutlook
+from qsframework.diagnoses.foresight import Foresight, Outlook, Prospect
+from qsframework.diagnoses.unknown import SIZE, PlaceOutlook
 from qsframework.plugin import Array, Indices
 from qsframework.report.blocks import Figure, Plot, ReportTable, Section, Text
 from qsframework.report.numbers import MATRIX, matrix_table

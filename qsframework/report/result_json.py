@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from qsframework.diagnose.error_budget import error_budget
-from qsframework.diagnose.foresight import Foresight, Prospect
-from qsframework.diagnose.mounts import Mount
-from qsframework.diagnose.residuals.lack_of_fit import LackOfFit
-from qsframework.diagnose.result import Diagnosis, LearnedLaw, Leftover, Line, NamedCause
-from qsframework.diagnose.second_day import FollowUp
-from qsframework.diagnose.unknown import SIZE, UnknownOutlook
+from qsframework.diagnoses.error_budget import error_budget
+from qsframework.diagnoses.foresight import Foresight, Prospect
+from qsframework.diagnoses.mounts import Mount
+from qsframework.diagnoses.residuals.lack_of_fit import LackOfFit
+from qsframework.diagnoses.result import Diagnosis, LearnedLaw, Leftover, Line, NamedCause
+from qsframework.diagnoses.second_day import FollowUp
+from qsframework.diagnoses.unknown import SIZE, UnknownOutlook
 from qsframework.files import as_file
 from qsframework.files.plain import is_list, is_mapping
 from qsframework.report.words.diagnosis import diagnosis_words, limit_words, method_words

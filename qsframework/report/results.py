@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import TypeVar
 
 from qsframework.arguments import checked
-from qsframework.diagnose import Diagnosis
-from qsframework.diagnose.second_day import FollowUp
+from qsframework.diagnoses import Diagnosis
+from qsframework.diagnoses.second_day import FollowUp
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment, Plan, Readings
-from qsframework.identify import Fit, FitRecord
-from qsframework.identify.validate import Validation
+from qsframework.fits import Fit, FitRecord
+from qsframework.fits.validate import Validation
 from qsframework.information import predicted_sd
 from qsframework.report.blocks import Section, Verdict
 from qsframework.report.diagnosis_section import diagnosis_sections

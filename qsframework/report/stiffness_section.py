@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from qsframework.applications import Stiffness
 from qsframework.report.blocks import ReportTable
+from qsframework.uses import Stiffness
 
 _AXES = ("x", "y", "z", "rx", "ry", "rz")
 

@@ -6,8 +6,8 @@ import html
 
 import numpy as np
 
-from qsframework.identify.columns import SUITED
-from qsframework.identify.validate import Validation, ValidationErrors
+from qsframework.fits.columns import SUITED
+from qsframework.fits.validate import Validation, ValidationErrors
 from qsframework.report.blocks import Figure, Plot, ReportTable, Section, Text
 from qsframework.report.fit_plots import distribution_figure
 from qsframework.report.plots import AFTER, blank

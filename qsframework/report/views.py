@@ -11,15 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from qsframework.applications import Compensation, Stiffness, Targets
-from qsframework.applications.compare import Comparison
-from qsframework.diagnose import Diagnosis
+from qsframework.diagnoses import Diagnosis
 from qsframework.errors import InputError, Problem, QsfError
 from qsframework.experiment import Experiment, Plan, Readings, Simulation
 from qsframework.experiment.columns import WRENCH_NAMES
-from qsframework.identify import Fit
-from qsframework.identify.columns import values_of
-from qsframework.identify.validate import Validation
+from qsframework.fits import Fit
+from qsframework.fits.columns import values_of
+from qsframework.fits.validate import Validation
 from qsframework.plugin import Array
 from qsframework.report.blocks import Plot, ReportTable, Verdict
 from qsframework.report.compare_section import path_figure, sd_tables, summary_table
@@ -43,6 +41,8 @@ from qsframework.report.words.validation import validation_verdict
 from qsframework.robot import Robot
 from qsframework.terminal import paragraphs, table_lines, width
 from qsframework.units import JointUnits
+from qsframework.uses import Compensation, Stiffness, Targets
+from qsframework.uses.compare import Comparison
 
 _AXES = ("x_m", "y_m", "z_m")
 _ROWS = 10

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.applications.stiffness import spring_shares
 from qsframework.elastostatics import Model
 from qsframework.plugin import Array, Poses, RobotFacts, Spring
+from qsframework.uses.stiffness import spring_shares
 from qsframework.viz.scene import Scene
 
 SPRING = "#4b3cff"

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from qsf_controllers.writing import plain
-from qsframework.design.programme import Programme, load_name
 from qsframework.experiment import Plan
+from qsframework.plans.programme import Programme, load_name
 from qsframework.plugin import Array
 from qsframework.plugin.language import endings as known_endings, languages, parse_source, read_source
 from qsframework.plugin.source import Source

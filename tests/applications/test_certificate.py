@@ -11,16 +11,16 @@ import pytest
 from remembered import diagnose
 from typer.testing import CliRunner
 
-from qsframework.applications.certificate import MetaSpec, certify, read_meta
 from qsframework.cli.app import app
-from qsframework.diagnose import Diagnosis
+from qsframework.diagnoses import Diagnosis
 from qsframework.errors import InputError
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Readings, example, load_experiment, make_plan, read_readings, simulate
-from qsframework.identify import FitRecord, identify, read_fit, write_fit
+from qsframework.fits import FitRecord, identify, read_fit, write_fit
 from qsframework.plugin import Array, Poses
 from qsframework.report.certificate_page import arrivals, pair, write_certificate
 from qsframework.report.words.certificate import conformity_words
+from qsframework.uses.certificate import MetaSpec, certify, read_meta
 from tests.identify.records import with_values
 
 pytestmark = pytest.mark.usefixtures("diagnosed_once")

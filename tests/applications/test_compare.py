@@ -10,23 +10,23 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from qsframework.applications.compare import Compared, Comparison, _free, campaign_of, compare, tip_model
-from qsframework.applications.inverse import reach, tool_of
-from qsframework.applications.robot_from_fit import with_fit
-from qsframework.applications.stiffness import stiffness_at
-from qsframework.applications.task import Task, load_task
 from qsframework.cli.app import app
-from qsframework.design import DesignOptions, design
 from qsframework.elastostatics import equilibrium
 from qsframework.errors import InputError
 from qsframework.estimation import FitOptions
 from qsframework.experiment import load_experiment, read_readings, simulate
-from qsframework.identify import identify, read_fit, write_fit
+from qsframework.fits import identify, read_fit, write_fit
+from qsframework.plans import DesignOptions, design
 from qsframework.plugin import Poses
 from qsframework.report.compare_section import heat_maps, path_figure, sd_tables
 from qsframework.robot import load_robot
 from qsframework.robot.collision import lowest_point, make_collider
 from qsframework.robot.kinematics import joint_frames
+from qsframework.uses.compare import Compared, Comparison, _free, campaign_of, compare, tip_model
+from qsframework.uses.inverse import reach, tool_of
+from qsframework.uses.robot_from_fit import with_fit
+from qsframework.uses.stiffness import stiffness_at
+from qsframework.uses.task import Task, load_task
 from tests.identify.records import estimate, with_values
 
 NAMES = ("fanuc_m900ib", "fanuc_r2000ic")

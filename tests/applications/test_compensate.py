@@ -11,10 +11,6 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from qsframework.applications.compensate import Compensation, compensate, tip_slope
-from qsframework.applications.inverse import TipPose, pose_error, rigid_tip
-from qsframework.applications.stiffness import spring_shares
-from qsframework.applications.targets import Targets, flange_pose, joint_targets, read_targets
 from qsframework.cli.app import app
 from qsframework.elastostatics import equilibrium, make_model
 from qsframework.elastostatics.so3 import rotation_vector
@@ -29,10 +25,14 @@ from qsframework.experiment import (
     make_plan,
     simulate,
 )
-from qsframework.identify import FitRecord, identify, read_fit, write_fit
+from qsframework.fits import FitRecord, identify, read_fit, write_fit
 from qsframework.plugin import Array, Poses
 from qsframework.report.blocks import Figure, SceneView
 from qsframework.report.compensation_section import target_view
+from qsframework.uses.compensate import Compensation, compensate, tip_slope
+from qsframework.uses.inverse import TipPose, pose_error, rigid_tip
+from qsframework.uses.stiffness import spring_shares
+from qsframework.uses.targets import Targets, flange_pose, joint_targets, read_targets
 from qsframework.viz import Scene
 from qsframework.viz.target_arrows import draw_targets
 from tests.identify.records import record, with_values

@@ -19,19 +19,19 @@ from qsf_controllers.fanuc import write_fanuc
 from qsf_controllers.krl import write_krl
 from qsf_controllers.rapid import write_rapid
 from qsf_controllers.urscript import write_urscript
-from qsframework.applications.inverse import rigid_tip
 from qsframework.cli.app import app
-from qsframework.design import path_check, programme as programme_module
-from qsframework.design.ordering import shortest_path, travel, visits, way_length
-from qsframework.design.path_check import Surroundings, find_way, stretch
-from qsframework.design.programme import Move, Programme, make_programme
 from qsframework.elastostatics import actuator_torques
 from qsframework.errors import InputError
 from qsframework.experiment import Constraints, Experiment, Plan, example, load_experiment, make_plan, write_plan
 from qsframework.experiment.constraints import Sight
+from qsframework.plans import path_check, programme as programme_module
+from qsframework.plans.ordering import shortest_path, travel, visits, way_length
+from qsframework.plans.path_check import Surroundings, find_way, stretch
+from qsframework.plans.programme import Move, Programme, make_programme
 from qsframework.plugin import Array, Poses
 from qsframework.robot.collision import above_floor, make_collider
 from qsframework.robot.kinematics import joint_frames
+from qsframework.uses.inverse import rigid_tip
 
 EVERY = ("fanuc-ls", "krl", "rapid", "urscript", "csv")
 

@@ -13,7 +13,17 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from qsframework.applications.kinematics import (
+from qsframework.cli.app import app
+from qsframework.elastostatics import Site, make_model
+from qsframework.elastostatics.so3 import exponential, from_quaternion
+from qsframework.errors import InputError
+from qsframework.experiment import Experiment, load_experiment
+from qsframework.fits import FitRecord
+from qsframework.plugin import Array, Poses
+from qsframework.plugin.rotations import homogeneous, turns
+from qsframework.robot import Drive, load_robot, robot_names
+from qsframework.robot.denavit import Serial, denavit
+from qsframework.uses.kinematics import (
     WRITERS,
     Fitted,
     fitted,
@@ -24,16 +34,6 @@ from qsframework.applications.kinematics import (
     write_table,
     write_ur,
 )
-from qsframework.cli.app import app
-from qsframework.elastostatics import Site, make_model
-from qsframework.elastostatics.so3 import exponential, from_quaternion
-from qsframework.errors import InputError
-from qsframework.experiment import Experiment, load_experiment
-from qsframework.identify import FitRecord
-from qsframework.plugin import Array, Poses
-from qsframework.plugin.rotations import homogeneous, turns
-from qsframework.robot import Drive, load_robot, robot_names
-from qsframework.robot.denavit import Serial, denavit
 from tests.identify.records import record
 
 TEXT = """

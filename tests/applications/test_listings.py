@@ -12,17 +12,17 @@ import numpy as np
 import pytest
 from count_motions import count_motions, without_numbers
 
-from qsframework.applications.compensate import compensate
-from qsframework.applications.programme_targets import (
+from qsframework.errors import InputError
+from qsframework.experiment import Experiment, load_experiment
+from qsframework.plugin.language import endings, languages
+from qsframework.plugin.poses import matrix, numbers_of
+from qsframework.uses.compensate import compensate
+from qsframework.uses.programme_targets import (
     ProgrammeOptions,
     ProgrammeTargets,
     corrected_texts,
     read_programme,
 )
-from qsframework.errors import InputError
-from qsframework.experiment import Experiment, load_experiment
-from qsframework.plugin.language import endings, languages
-from qsframework.plugin.poses import matrix, numbers_of
 from tests.applications.test_compensate import exact_fit, known
 
 FOLDER = Path(__file__).parent / "listings"

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from qsframework.applications.compensate import Compensation, compensate
-from qsframework.applications.inverse import rigid_tip
-from qsframework.applications.targets import Targets, joint_targets
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment
-from qsframework.identify import FitRecord
+from qsframework.fits import FitRecord
 from qsframework.plugin import Array
+from qsframework.uses.compensate import Compensation, compensate
+from qsframework.uses.inverse import rigid_tip
+from qsframework.uses.targets import Targets, joint_targets
 from tests.applications.test_compensate import angles
 from tests.identify.records import record
 

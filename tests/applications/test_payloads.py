@@ -11,9 +11,9 @@ from typer.testing import CliRunner
 
 from qsf_day.protocol import make_protocol
 from qsframework.cli.app import app
-from qsframework.design.programme import check_plan, make_programme
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Plan, example, load_experiment, make_plan, read_readings, write_plan
+from qsframework.plans.programme import check_plan, make_programme
 from qsframework.plugin import Array, Poses
 from qsframework.robot import load_robot
 

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from qsframework.applications.compensate import compensate
-from qsframework.applications.inverse import rigid_tip
-from qsframework.applications.programme_targets import ProgrammeOptions, corrected_texts, read_programme
-from qsframework.applications.targets import joint_targets
 from qsframework.cli.app import app
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, load_experiment, make_plan, write_plan
 from qsframework.plugin import Array, Poses
 from qsframework.plugin.language import read_source
 from qsframework.plugin.source import skeleton
+from qsframework.uses.compensate import compensate
+from qsframework.uses.inverse import rigid_tip
+from qsframework.uses.programme_targets import ProgrammeOptions, corrected_texts, read_programme
+from qsframework.uses.targets import joint_targets
 from tests.applications.test_compensate import exact_fit
 
 LS = """/PROG  DRILL

@@ -22,10 +22,7 @@ from qsf_day.protocol import (
     write_reading_file,
 )
 from qsf_day.sheet import Commands, SheetFiles, write_sheet
-from qsframework.applications.inverse import rigid_tip
 from qsframework.cli.app import app
-from qsframework.design.ordering import with_repeats
-from qsframework.design.programme import make_programme
 from qsframework.elastostatics import Site
 from qsframework.errors import InputError
 from qsframework.experiment import (
@@ -39,10 +36,13 @@ from qsframework.experiment import (
     read_readings,
     write_plan,
 )
-from qsframework.identify import identify
+from qsframework.fits import identify
+from qsframework.plans.ordering import with_repeats
+from qsframework.plans.programme import make_programme
 from qsframework.plugin import Array, Poses
 from qsframework.robot import load_robot
 from qsframework.screening.closure import ClosureCheck, check_states
+from qsframework.uses.inverse import rigid_tip
 from qsframework.viz.sketch import hull, sketches
 from tests.headless import browser, open_page
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from stated_uncertainty import KINDS, Kind, drawn, fresh, measured
 
-from qsframework.applications import certificate, compensate, joint_targets
 from qsframework.experiment import load_experiment, read_readings
-from qsframework.identify import identify, read_fit, write_fit
+from qsframework.fits import identify, read_fit, write_fit
+from qsframework.uses import certificate, compensate, joint_targets
 
 
 @pytest.mark.parametrize("kind", KINDS[::2], ids=[k.name for k in KINDS[::2]])

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from qsframework.applications import stiffness_at
 from qsframework.cli.app import app
 from qsframework.elastostatics import make_model
 from qsframework.elastostatics.so3 import rotation_vector
@@ -18,6 +17,7 @@ from qsframework.errors import InputError
 from qsframework.experiment.frames import procrustes
 from qsframework.plugin import Array, Poses
 from qsframework.robot import Robot, load_robot
+from qsframework.uses import stiffness_at
 
 POSE = np.deg2rad([10.0, 20.0, -10.0, 30.0, 40.0, 0.0])
 POINT = np.array([0.15, 0.0, 0.2])

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from qsframework.applications import compensate, joint_targets
 from qsframework.elastostatics import equilibrium
 from qsframework.elastostatics.so3 import rotation_vector
 from qsframework.errors import InputError
@@ -26,9 +25,10 @@ from qsframework.experiment import (
 )
 from qsframework.experiment.readings import joined
 from qsframework.experiment.simulate import planned_readings
-from qsframework.identify import Fit, identify
+from qsframework.fits import Fit, identify
 from qsframework.information import predicted_uncertainties
 from qsframework.plugin import Array, Poses
+from qsframework.uses import compensate, joint_targets
 from tests.calibration.agreement import balanced, check_coverage, check_p_values, check_sds
 from tests.calibration.small_arm import SIGMA, SPRINGS, TRACKER, WEIGHT, acting, positions, small_arm, small_plan
 

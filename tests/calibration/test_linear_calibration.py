@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from qsframework.diagnose.residuals.noise_components import NoiseAudit, audit_noise, estimate
+from qsframework.diagnoses.residuals.noise_components import NoiseAudit, audit_noise, estimate
 from qsframework.estimation import (
     FitOptions,
     Independent,
@@ -25,8 +25,8 @@ from qsframework.estimation import (
 )
 from qsframework.estimation.linear_fit import Whitened
 from qsframework.estimation.tails import chi2_sf
-from qsframework.identify import FitRecord
-from qsframework.identify.moved import moved
+from qsframework.fits import FitRecord
+from qsframework.fits.moved import moved
 from qsframework.plugin import Array, Parameter
 from tests.calibration.agreement import balanced, check_coverage, check_p_values, check_sds
 

@@ -251,7 +251,7 @@ def test_identify_in_one_step_with_all_its_files(tmp_path, capsys) -> None:  # t
     from qsframework.cli.identify import FitFiles, run_identify
     from qsframework.estimation import FitOptions
     from qsframework.experiment import example
-    from qsframework.identify import read_fit
+    from qsframework.fits import read_fit
 
     names = {"json": "fit.json", "report": "r.html", "nominal": "nominal.yaml"}
     out = {key: tmp_path / name for key, name in names.items()}
@@ -273,7 +273,7 @@ def test_identify_options_reach_the_fit(tmp_path) -> None:  # type: ignore[no-un
 
     from qsframework.cli.app import app
     from qsframework.experiment import example
-    from qsframework.identify import read_fit
+    from qsframework.fits import read_fit
 
     options = ["--method", "one-step", "--tied", "joint_compliance[joint_4],joint_compliance[joint_5]"]
     file = tmp_path / "fit.json"

@@ -16,15 +16,15 @@ from qsf_controllers.options import ExportOptions
 from qsf_day.options import ProtocolOptions
 from qsf_onboarding.options import Arm
 from qsf_trackers.options import ImportOptions
-from qsframework.applications.options import ProgrammeOptions
 from qsframework.cli.app import every_command
 from qsframework.cli.declared import Values, expanded
 from qsframework.cli.help import Command
-from qsframework.design.options import DesignOptions
-from qsframework.diagnose.options import DiagnoseOptions
+from qsframework.diagnoses.options import DiagnoseOptions
 from qsframework.errors import InputError
 from qsframework.estimation.options import FitOptions
 from qsframework.option import Option, Options, Seed, hints_of, option_of
+from qsframework.plans.options import DesignOptions
+from qsframework.uses.options import ProgrammeOptions
 
 RECORDS = {
     "design": DesignOptions,

@@ -12,7 +12,7 @@ import pytest
 from qsframework.errors import InputError
 from qsframework.experiment import example, load_experiment, read_readings
 from qsframework.files import sha256
-from qsframework.identify import read_fit
+from qsframework.fits import read_fit
 from tests.cli.test_commands import M900IB, R2000IC, run
 
 PLAN = str(example("m900ib") / "table5.csv")

@@ -20,9 +20,9 @@ from qsf_day.record import Entry, as_json, delivery, opened
 from qsf_day.session import enter_floor, reread
 from qsf_day.so_far import accepted, diagnosis_so_far, predicted_sd, so_far
 from qsf_day.words import floor_words, so_far_words, spoilt_words
-from qsframework.design import design
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, read_readings
+from qsframework.plans import design
 
 
 def played(experiment: Experiment, folder: Path, states: int, seed: int = 1) -> tuple[Day, cell.Arm]:

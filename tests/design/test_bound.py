@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from qsframework.design import DesignOptions, design, generate_candidates
-from qsframework.design.catalogue import find_criterion
-from qsframework.design.problem import make_problem
-from qsframework.design.tip import tip_rows
 from qsframework.experiment import Experiment, PlanCertificate
 from qsframework.information import information
 from qsframework.information.sensitivities import known_before
+from qsframework.plans import DesignOptions, design, generate_candidates
+from qsframework.plans.catalogue import find_criterion
+from qsframework.plans.problem import make_problem
+from qsframework.plans.tip import tip_rows
 from tests.calibration.small_arm import SPRINGS, small_arm
 
 FIT = tuple(f"joint_compliance[joint_{k}]" for k in (1, 2, 3))

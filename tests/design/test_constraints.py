@@ -10,12 +10,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from qsframework.design import check_poses, generate_candidates
-from qsframework.design.candidates import filter_candidates
-from qsframework.design.constraints import Removal, collider_of, count_removed, joint_range, singularity_margin
 from qsframework.elastostatics import actuator_torques
 from qsframework.errors import InputError
 from qsframework.experiment import Constraints, Experiment, Sight, load_experiment
+from qsframework.plans import check_poses, generate_candidates
+from qsframework.plans.candidates import filter_candidates
+from qsframework.plans.constraints import Removal, collider_of, count_removed, joint_range, singularity_margin
 from qsframework.plugin import Poses
 from qsframework.robot import Robot
 from qsframework.robot.kinematics import joint_frames

@@ -8,8 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from qsframework.design import CRITERIA, broken_constraints, check_poses, design, find_criterion, generate_candidates
-from qsframework.design.exact import Quotas, exchange
 from qsframework.errors import InputError, NotIdentifiable
 from qsframework.experiment import Constraints, Experiment, read_plan, write_plan
 from qsframework.information import (
@@ -17,6 +15,8 @@ from qsframework.information import (
     information,
     predicted_sd,
 )
+from qsframework.plans import CRITERIA, broken_constraints, check_poses, design, find_criterion, generate_candidates
+from qsframework.plans.exact import Quotas, exchange
 
 
 @pytest.mark.parametrize("name", CRITERIA)

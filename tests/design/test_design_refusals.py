@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from qsframework.design import DesignOptions, design, generate_candidates
-from qsframework.design.catalogue import find_criterion
-from qsframework.design.certified import _fill  # pyright: ignore[reportPrivateUsage]
-from qsframework.design.constraints import joint_range
-from qsframework.design.criteria import Determinant
-from qsframework.design.symmetry import flips_wrist
-from qsframework.design.task import white_basis
 from qsframework.errors import InputError, NotCertified, NotIdentifiable
 from qsframework.experiment import Experiment
 from qsframework.experiment.noise import NoiseModel
+from qsframework.plans import DesignOptions, design, generate_candidates
+from qsframework.plans.catalogue import find_criterion
+from qsframework.plans.certified import _fill  # pyright: ignore[reportPrivateUsage]
+from qsframework.plans.constraints import joint_range
+from qsframework.plans.criteria import Determinant
+from qsframework.plans.symmetry import flips_wrist
+from qsframework.plans.task import white_basis
 from qsframework.plugin import Array, Poses
 from qsframework.plugin.facts import frozen
 

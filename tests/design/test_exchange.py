@@ -7,10 +7,10 @@ from itertools import combinations, combinations_with_replacement, product
 import numpy as np
 import pytest
 
-from qsframework.design.criteria import Criterion, Determinant, Linear, Mean
-from qsframework.design.exact import Quotas, exchange
-from qsframework.design.interior import moments_of
 from qsframework.errors import NotIdentifiable
+from qsframework.plans.criteria import Criterion, Determinant, Linear, Mean
+from qsframework.plans.exact import Quotas, exchange
+from qsframework.plans.interior import moments_of
 from qsframework.plugin import Array
 
 
@@ -54,7 +54,7 @@ def test_no_single_exchange_helps(rule: Criterion) -> None:
 
 def test_what_other_starts_found_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """The plan of many starts is the same, bit by bit, where nothing is remembered; and fewer steps are taken."""
-    from qsframework.design import exact
+    from qsframework.plans import exact
 
     rows, asked = rows_of(4, 60), list[int]()
     plain = exact._best  # pyright: ignore[reportPrivateUsage]

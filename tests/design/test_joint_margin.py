@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from qsframework.design import broken_constraints, check_poses, design
-from qsframework.design.constraints import allowed_range, joint_range
-from qsframework.design.ordering import turning, visits, way_length
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, load_experiment, make_plan
+from qsframework.plans import broken_constraints, check_poses, design
+from qsframework.plans.constraints import allowed_range, joint_range
+from qsframework.plans.ordering import turning, visits, way_length
 from qsframework.plugin import Poses
 from qsframework.robot import load_robot
 

@@ -7,16 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from qsframework.design import DesignOptions, design, generate_candidates, problem
-from qsframework.design.column_generation import solve_columns
-from qsframework.design.criteria import Criterion, Determinant, Expansion, Linear, Mean
-from qsframework.design.exact import Quotas, exchange
-from qsframework.design.interior import Small, solve_small
-from qsframework.design.relaxed import optimum
-from qsframework.design.task import make_task
 from qsframework.errors import InputError, NotCertified, NotIdentifiable
 from qsframework.experiment import Experiment
 from qsframework.information import Allowed, as_rows, bound_of, everything, scores
+from qsframework.plans import DesignOptions, design, generate_candidates, problem
+from qsframework.plans.column_generation import solve_columns
+from qsframework.plans.criteria import Criterion, Determinant, Expansion, Linear, Mean
+from qsframework.plans.exact import Quotas, exchange
+from qsframework.plans.interior import Small, solve_small
+from qsframework.plans.relaxed import optimum
+from qsframework.plans.task import make_task
 from qsframework.plugin import Array, Indices
 
 RNG = np.random.default_rng(11)

@@ -7,18 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from qsframework.design import design
-from qsframework.design.candidates import generate_candidates
-from qsframework.design.certified import relaxed_design
-from qsframework.design.criteria import Determinant, Mean
-from qsframework.design.options import DesignOptions
-from qsframework.design.problem import make_problem
 from qsframework.errors import InputError
 from qsframework.estimation import PLAIN
 from qsframework.experiment import Experiment, Plan, load_experiment, simulate
-from qsframework.identify import identify
-from qsframework.identify.identify import fit_readings
+from qsframework.fits import identify
+from qsframework.fits.identify import fit_readings
 from qsframework.information import predicted_uncertainties
+from qsframework.plans import design
+from qsframework.plans.candidates import generate_candidates
+from qsframework.plans.certified import relaxed_design
+from qsframework.plans.criteria import Determinant, Mean
+from qsframework.plans.options import DesignOptions
+from qsframework.plans.problem import make_problem
 
 TEXT = """
 robot: ur10

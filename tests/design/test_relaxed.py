@@ -6,11 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from qsframework.design.column_generation import solve_columns
-from qsframework.design.criteria import Criterion, Determinant, Linear, Mean, Sum
-from qsframework.design.interior import Small, curvature
-from qsframework.design.relaxed import optimum
-from qsframework.design.task import make_task
 from qsframework.errors import NotCertified
 from qsframework.information import (
     Allowed,
@@ -22,6 +17,11 @@ from qsframework.information import (
     weighted_information,
 )
 from qsframework.information.certificate import deletable
+from qsframework.plans.column_generation import solve_columns
+from qsframework.plans.criteria import Criterion, Determinant, Linear, Mean, Sum
+from qsframework.plans.interior import Small, curvature
+from qsframework.plans.relaxed import optimum
+from qsframework.plans.task import make_task
 from qsframework.plugin import Array
 
 P = 4

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from qsframework.design.column_generation import solve_columns
-from qsframework.design.criteria import Determinant, Mean
-from qsframework.design.scoreboard import Scoreboard
-from qsframework.design.task import make_task
 from qsframework.information import Allowed, as_rows, everything, scores
+from qsframework.plans.column_generation import solve_columns
+from qsframework.plans.criteria import Determinant, Mean
+from qsframework.plans.scoreboard import Scoreboard
+from qsframework.plans.task import make_task
 from qsframework.plugin import Array
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from qsframework.design.constraints import joint_range
-from qsframework.design.symmetry import canonical, equivalent_poses, flips_wrist, fold, symmetry_name, wrist_flip
 from qsframework.experiment import Constraints, Experiment, Plan, example, make_plan, read_plan
+from qsframework.plans.constraints import joint_range
+from qsframework.plans.symmetry import canonical, equivalent_poses, flips_wrist, fold, symmetry_name, wrist_flip
 from qsframework.plugin import Poses
 from qsframework.robot import load_robot
 

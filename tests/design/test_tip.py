@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from qsframework.design import design, generate_candidates
-from qsframework.design.options import DesignOptions
-from qsframework.design.tip import unstated
 from qsframework.elastostatics import equilibrium
 from qsframework.estimation import scales
 from qsframework.experiment import Experiment, Plan, load_experiment
 from qsframework.experiment.prior import priors_of
 from qsframework.information.absorbed import FRAME, TOOL, absorbed, tip_motions
 from qsframework.information.sensitivities import plan_columns
+from qsframework.plans import design, generate_candidates
+from qsframework.plans.options import DesignOptions
+from qsframework.plans.tip import unstated
 from qsframework.plugin import Array, Poses
 
 TEXT = """

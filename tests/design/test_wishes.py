@@ -8,7 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from qsframework.design import (
+from qsframework.errors import InputError, NotCertified, NotIdentifiable
+from qsframework.estimation import FitOptions, scales
+from qsframework.experiment import Experiment, Plan, PlanCertificate, example, read_plan, simulate, write_plan
+from qsframework.fits import identify
+from qsframework.information import predicted_sd
+from qsframework.plans import (
     DesignOptions,
     check_poses,
     design,
@@ -18,14 +23,9 @@ from qsframework.design import (
     joint_sd,
     read_candidates,
 )
-from qsframework.design.candidates import folds
-from qsframework.design.problem import counted_once, draw_samples, make_problem, sample_rows
-from qsframework.design.tip import tip_rows
-from qsframework.errors import InputError, NotCertified, NotIdentifiable
-from qsframework.estimation import FitOptions, scales
-from qsframework.experiment import Experiment, Plan, PlanCertificate, example, read_plan, simulate, write_plan
-from qsframework.identify import identify
-from qsframework.information import predicted_sd
+from qsframework.plans.candidates import folds
+from qsframework.plans.problem import counted_once, draw_samples, make_problem, sample_rows
+from qsframework.plans.tip import tip_rows
 
 
 def proof(plan: Plan) -> PlanCertificate:
@@ -56,8 +56,8 @@ def test_every_criterion_is_certified_and_kept_by_polish(m900ib: Experiment, cri
 
 def test_each_criterion_is_best_at_what_it_says(m900ib: Experiment) -> None:
     """Every criterion's plan against the others', judged by the relaxed design's value."""
-    from qsframework.design.catalogue import find_criterion
     from qsframework.information import information, information_rows
+    from qsframework.plans.catalogue import find_criterion
 
     candidates = generate_candidates(m900ib, 150)
     tip = tip_rows(m900ib, None, candidates.pendant, m900ib.fit_names())

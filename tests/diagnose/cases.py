@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from remembered import diagnose
 
-from qsframework.design.candidates import generate_candidates
-from qsframework.diagnose import Diagnosis
+from qsframework.diagnoses import Diagnosis
 from qsframework.elastostatics import Model, make_model
 from qsframework.elastostatics.so3 import exponential
 from qsframework.errors import NotConverged
@@ -26,6 +25,7 @@ from qsframework.experiment import (
     read_readings,
     simulate,
 )
+from qsframework.plans.candidates import generate_candidates
 from qsframework.plugin import Array, Effect, Poses, find
 from tests.identify.arm import position_readings, settled
 

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from qsframework.diagnose import Diagnosis, diagnose
-from qsframework.diagnose.result import AlternativeCause, NamedCause, Status
-from qsframework.diagnose.verdict import ambiguous
+from qsframework.diagnoses import Diagnosis, diagnose
+from qsframework.diagnoses.result import AlternativeCause, NamedCause, Status
+from qsframework.diagnoses.verdict import ambiguous
 from qsframework.errors import InputError, NotConverged
 from qsframework.experiment import Readings, make_rows
 from qsframework.hypotheses.catalogue import causes
@@ -25,7 +25,7 @@ from qsframework.report.words.diagnosis import diagnosis_words, limit_words
 from tests.diagnose import cases
 from tests.diagnose.cases import campaign, measured, quiet, unstable
 
-named_causes = import_module("qsframework.diagnose.named_causes")
+named_causes = import_module("qsframework.diagnoses.named_causes")
 
 
 @pytest.fixture(scope="module")

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from qsframework.cli.diagnose import DiagnoseFiles, run_diagnose
-from qsframework.diagnose import DiagnoseOptions, Diagnosis, diagnose
-from qsframework.diagnose.audit_entries import Audited, audited_of, audited_readings
+from qsframework.diagnoses import DiagnoseOptions, Diagnosis, diagnose
+from qsframework.diagnoses.audit_entries import Audited, audited_of, audited_readings
 from qsframework.errors import InputError
 from qsframework.experiment import (
     Experiment,
@@ -22,7 +22,7 @@ from qsframework.experiment import (
     write_readings,
 )
 from qsframework.experiment.noise import NoiseModel
-from qsframework.identify import identify
+from qsframework.fits import identify
 from qsframework.report.extended import extension_of, write_extended
 from tests.diagnose.cases import SIGMA, campaign, candidates, day_of_positions, diagnosed, hardened, measured, quiet
 from tests.identify.arm import with_sigma

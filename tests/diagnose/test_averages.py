@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from independent_arm import HEAVY
 
-from qsframework.diagnose import diagnose
-from qsframework.diagnose.learn import shares
+from qsframework.diagnoses import diagnose
+from qsframework.diagnoses.learn import shares
 from qsframework.experiment import ReadingRows, load_experiment, read_readings
 from qsframework.hypotheses.catalogue.causes import find_causes, widened
 from qsframework.hypotheses.columns import Case, make_case

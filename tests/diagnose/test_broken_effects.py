@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from qsframework.diagnose import diagnose
+from qsframework.diagnoses import diagnose
 from qsframework.errors import PluginError
 from qsframework.experiment import example, load_experiment, read_readings
 from qsframework.plugin import Array, Context, Geometry, Parameter, RobotFacts, place, registry

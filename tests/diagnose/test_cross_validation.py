@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from qsframework.diagnose import Diagnosis
-from qsframework.diagnose.error_budget import linear_errors
+from qsframework.diagnoses import Diagnosis
+from qsframework.diagnoses.error_budget import linear_errors
 from qsframework.hypotheses.columns import Case
 from qsframework.hypotheses.search.cross_validation import standard_errors
 from qsframework.plugin import Array

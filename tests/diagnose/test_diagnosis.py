@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from qsframework.diagnose import diagnose
-from qsframework.diagnose.result import Status
+from qsframework.diagnoses import diagnose
+from qsframework.diagnoses.result import Status
 from qsframework.errors import InputError
 from qsframework.plugin import Array, At, Context, Parameter, RobotFacts, SpringLaw, find, place
 from qsframework.report.result_json import diagnosis_json

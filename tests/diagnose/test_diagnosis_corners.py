@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from qsframework.diagnose import Diagnosis, diagnose, follow_up
-from qsframework.diagnose.foresight import Outlook, Prospect, Why
-from qsframework.diagnose.power import Bench
-from qsframework.diagnose.residuals.audited_rows import split_told
-from qsframework.diagnose.residuals.lack_of_fit import LackOfFit, arm_axes, variables_of
-from qsframework.diagnose.residuals.noise_components import visible
-from qsframework.diagnose.verdict import misfits, verdict_of
+from qsframework.diagnoses import Diagnosis, diagnose, follow_up
+from qsframework.diagnoses.foresight import Outlook, Prospect, Why
+from qsframework.diagnoses.power import Bench
+from qsframework.diagnoses.residuals.audited_rows import split_told
+from qsframework.diagnoses.residuals.lack_of_fit import LackOfFit, arm_axes, variables_of
+from qsframework.diagnoses.residuals.noise_components import visible
+from qsframework.diagnoses.verdict import misfits, verdict_of
 from qsframework.errors import InputError, NotConverged, NotIdentifiable
 from qsframework.estimation import Independent
 from qsframework.estimation.visit_noise import VisitNoise, reml

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 import yaml
 
-from qsframework.diagnose import Diagnosis
-from qsframework.diagnose.extend import Extension, of_arm, write_extension
+from qsframework.diagnoses import Diagnosis
+from qsframework.diagnoses.extend import Extension, of_arm, write_extension
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, load_experiment, make_rows, read_plan, read_readings, simulate
 from qsframework.files import read_yaml

@@ -7,8 +7,8 @@ from importlib import import_module
 import numpy as np
 import pytest
 
-from qsframework.diagnose import Diagnosis, diagnose
-from qsframework.diagnose.residuals.audited_rows import far_from_linear
+from qsframework.diagnoses import Diagnosis, diagnose
+from qsframework.diagnoses.residuals.audited_rows import far_from_linear
 from qsframework.experiment import Readings
 from qsframework.report.words.diagnosis import diagnosis_words, method_words
 from tests.diagnose.cases import SIGMA, campaign, measured
@@ -28,7 +28,7 @@ def found() -> Diagnosis:
     """Two loads at 18 poses: the linear library takes nearly all that it can. The screening, which calls so large a
     turn a mistake in the table, is left out: the tests have to name it without."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(import_module("qsframework.diagnose.diagnose"), "find_mistakes", lambda *_, **__: ())
+        patch.setattr(import_module("qsframework.diagnoses.diagnose"), "find_mistakes", lambda *_, **__: ())
         return diagnose(campaign(), turned(measured(seed=4, count=18)), repeats=1)
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from qsframework.diagnose.remaining import Likely, finest
-from qsframework.diagnose.result import Leftover
+from qsframework.diagnoses.remaining import Likely, finest
+from qsframework.diagnoses.result import Leftover
 from qsframework.hypotheses.catalogue.generic_laws import Block
 from qsframework.hypotheses.catalogue.law import Law
 from qsframework.plugin import find

@@ -13,12 +13,12 @@ import pytest
 from independent import Campaign, Setting, noisy, write_campaign
 from independent_arm import COILED, Hidden, Rest
 
-from qsframework.design import design
-from qsframework.diagnose import Diagnosis, FollowUp, diagnose, follow_up
-from qsframework.diagnose.explanations import Explanations
-from qsframework.diagnose.second_day import chosen_visits, opened, suspects_of
+from qsframework.diagnoses import Diagnosis, FollowUp, diagnose, follow_up
+from qsframework.diagnoses.explanations import Explanations
+from qsframework.diagnoses.second_day import chosen_visits, opened, suspects_of
 from qsframework.errors import InputError
 from qsframework.experiment import example, load_experiment, read_readings, simulate
+from qsframework.plans import design
 from qsframework.plugin import Array, find
 from qsframework.report.words.diagnosis import statements
 from qsframework.report.words.follow_up import suspect_words

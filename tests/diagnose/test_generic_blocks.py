@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from independent_arm import COILED, LOOP, SEVEN, Arm
 
-from qsframework.diagnose.learn import effects_of
+from qsframework.diagnoses.learn import effects_of
 from qsframework.experiment import Experiment, ReadingRows
 from qsframework.hypotheses.catalogue.causes import Cause
 from qsframework.hypotheses.catalogue.generic_laws import Block, generic_blocks, motions, single_axes

@@ -12,8 +12,8 @@ import second_generator as second
 from fresh_poses import named_words
 from threadpoolctl import threadpool_limits
 
-from qsframework.diagnose.diagnose import diagnose
-from qsframework.diagnose.result import Diagnosis
+from qsframework.diagnoses.diagnose import diagnose
+from qsframework.diagnoses.result import Diagnosis
 from qsframework.experiment import load_experiment, read_readings
 from qsframework.plugin import registry
 from qsframework.report.result_json import diagnosis_json

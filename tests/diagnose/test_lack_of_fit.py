@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import f as fisher, kstest
 
-from qsframework.diagnose.residuals.lack_of_fit import arm_axes, lack_of_fit, smooth, variables_of
+from qsframework.diagnoses.residuals.lack_of_fit import arm_axes, lack_of_fit, smooth, variables_of
 from qsframework.experiment import Experiment, make_plan, make_rows, simulate
 from qsframework.plugin import Array, Conditions, Poses
 from qsframework.report.words.noise import misfit_words

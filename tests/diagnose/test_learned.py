@@ -12,14 +12,14 @@ import pytest
 from typer.testing import CliRunner
 
 from qsframework.cli.app import app
-from qsframework.diagnose import Diagnosis, diagnose, follow_up
-from qsframework.diagnose.learn import curve, dots
+from qsframework.diagnoses import Diagnosis, diagnose, follow_up
+from qsframework.diagnoses.learn import curve, dots
 from qsframework.elastostatics import beyond, range_notes
 from qsframework.errors import InputError
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Readings, example, load_experiment, make_rows, read_readings
+from qsframework.fits import identify
 from qsframework.hypotheses.catalogue.law import Law
-from qsframework.identify import identify
 from qsframework.plugin import Array, Context, Effect, build_effects, check_effect, find
 from qsframework.plugin.entry import effect_entry
 from qsframework.report.diagnosis_section import diagnosis_sections

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from independent_arm import HEAVY
 
-from qsframework.diagnose.baseline import fits_beside
-from qsframework.diagnose.learn import law_trials
-from qsframework.diagnose.result import Leftover
+from qsframework.diagnoses.baseline import fits_beside
+from qsframework.diagnoses.learn import law_trials
+from qsframework.diagnoses.result import Leftover
 from qsframework.hypotheses.catalogue.generic_laws import generic_blocks, motions
 from tests.diagnose.clean_fit import clean_fit
 

@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from qsframework.diagnose import diagnose
+from qsframework.diagnoses import diagnose
 from qsframework.experiment import load_experiment, read_readings
-from qsframework.identify import identify
+from qsframework.fits import identify
 from qsframework.plugin import Array
 from qsframework.report.extended import write_extended
 from qsframework.report.words.diagnosis import diagnosis_words

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from qsframework.diagnose.residuals.audited_rows import find_outliers
-from qsframework.diagnose.residuals.noise_components import (
+from qsframework.diagnoses.residuals.audited_rows import find_outliers
+from qsframework.diagnoses.residuals.noise_components import (
     FEWEST,
     NoiseAudit,
     audit_noise,

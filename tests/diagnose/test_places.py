@@ -11,8 +11,8 @@ import second_generator
 from independent import Setting, forces, noisy, write_campaign
 from independent_arm import COILED, SEVEN, Arm
 
-from qsframework.diagnose import diagnose
-from qsframework.diagnose.baseline import fits_beside
+from qsframework.diagnoses import diagnose
+from qsframework.diagnoses.baseline import fits_beside
 from qsframework.estimation.visit_noise import Reml
 from qsframework.experiment import load_experiment, read_readings
 from qsframework.hypotheses.catalogue.generic_laws import Motions, motions

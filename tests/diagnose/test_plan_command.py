@@ -11,10 +11,10 @@ import pytest
 
 from qsf_day.run import SECOND_DAY, second_day
 from qsframework.cli.diagnose_plan import run_foresight
-from qsframework.design import design
-from qsframework.diagnose import forecast
+from qsframework.diagnoses import forecast
 from qsframework.errors import InputError
 from qsframework.experiment import example, load_experiment, read_plan, write_plan
+from qsframework.plans import design
 from qsframework.report.power_section import angle_figure, pair_table, power_figure, power_section, size_table
 from tests.diagnose.cases import hardened
 
@@ -38,7 +38,7 @@ def judged(plan_file, tmp_path_factory):
     """The command's folder, what it said, and the forecast that it made."""
     made, folder = [], tmp_path_factory.mktemp("judged")
     with pytest.MonkeyPatch.context() as patched, redirect_stdout(StringIO()) as said:
-        package = import_module("qsframework.diagnose")
+        package = import_module("qsframework.diagnoses")
         patched.setattr(package, "forecast", lambda *given, **more: made.append(forecast(*given, **more)) or made[0])
         run_foresight(FILE, plan_file, folder / "f.json", folder / "f.html")
     return folder, said.getvalue(), made[0]
@@ -67,7 +67,7 @@ def test_the_plan_is_judged_before_it_is_measured(judged):
 
 
 def test_a_plan_is_judged_at_length_where_asked(plan_file, foresight, monkeypatch, capsys):
-    monkeypatch.setattr(import_module("qsframework.diagnose"), "forecast", lambda *given, **more: foresight)
+    monkeypatch.setattr(import_module("qsframework.diagnoses"), "forecast", lambda *given, **more: foresight)
     run_foresight(FILE, plan_file, verbose=True)
     said = " ".join(capsys.readouterr().out.split())
     assert "smallest size detected" in said

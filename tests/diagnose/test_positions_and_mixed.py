@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from qsframework.diagnose import diagnose
+from qsframework.diagnoses import diagnose
 from qsframework.elastostatics import Model, make_model
 from qsframework.elastostatics.so3 import exponential
 from qsframework.experiment import Experiment, Readings, load_experiment

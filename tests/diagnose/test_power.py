@@ -6,9 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from qsframework.design import generate_candidates
-from qsframework.diagnose.foresight import Outlook
-from qsframework.diagnose.power import (
+from qsframework.diagnoses.foresight import Outlook
+from qsframework.diagnoses.power import (
     Bench,
     detection_rate,
     forecast,
@@ -21,6 +20,7 @@ from qsframework.estimation import Independent
 from qsframework.experiment import example, load_experiment
 from qsframework.hypotheses.catalogue.causes import find_causes, widened
 from qsframework.hypotheses.search.family_test import log_p_values
+from qsframework.plans import generate_candidates
 from qsframework.plugin import Poses
 from qsframework.report.result_json import foresight_json
 from qsframework.report.words.forecast import foresight_words, smallest_words, why_words

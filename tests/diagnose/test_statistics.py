@@ -9,8 +9,8 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from qsframework.diagnose.evidence_table import hangs_on
-from qsframework.diagnose.remaining import NamedEffect, open_alternative, remaining_signal
+from qsframework.diagnoses.evidence_table import hangs_on
+from qsframework.diagnoses.remaining import NamedEffect, open_alternative, remaining_signal
 from qsframework.estimation.noise import Independent, grouped
 from qsframework.estimation.visit_noise import RHOS, Reml, VisitNoise, reml
 from qsframework.experiment import make_rows

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from qsframework.diagnose import Diagnosis, diagnose, follow_up
-from qsframework.diagnose.baseline import fits_beside
-from qsframework.diagnose.learn import law_trials
-from qsframework.diagnose.named_causes import SearchOptions
-from qsframework.diagnose.options import seen_below
-from qsframework.diagnose.remaining import NOTHING, GivenCauses, with_alternatives
-from qsframework.diagnose.result import Leftover, Line, NamedCause, Status, Value
+from qsframework.diagnoses import Diagnosis, diagnose, follow_up
+from qsframework.diagnoses.baseline import fits_beside
+from qsframework.diagnoses.learn import law_trials
+from qsframework.diagnoses.named_causes import SearchOptions
+from qsframework.diagnoses.options import seen_below
+from qsframework.diagnoses.remaining import NOTHING, GivenCauses, with_alternatives
+from qsframework.diagnoses.result import Leftover, Line, NamedCause, Status, Value
 from qsframework.experiment import load_experiment, make_rows, read_readings
 from qsframework.hypotheses.catalogue.generic_laws import generic_blocks, motions
 from qsframework.hypotheses.catalogue.law import Law

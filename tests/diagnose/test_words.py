@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from qsframework.cli.diagnose import print_diagnosis
-from qsframework.diagnose import Diagnosis, diagnose
-from qsframework.diagnose.result import Leftover, NamedCause, Status
+from qsframework.diagnoses import Diagnosis, diagnose
+from qsframework.diagnoses.result import Leftover, NamedCause, Status
 from qsframework.experiment import differences
 from qsframework.experiment.noise import NoiseModel
 from qsframework.hypotheses.catalogue.law import Law, LikelyPlace

@@ -12,14 +12,14 @@ import pytest
 from paper_steps import stiffness_rows
 
 from qsf_plugins.spring_triangle import SpringTriangle, spring
-from qsframework.design import check_poses
-from qsframework.design.candidates import reference_point
 from qsframework.elastostatics import Site, make_model
 from qsframework.elastostatics.motion import move, nominal_actuators
 from qsframework.elastostatics.state import place as place_chain
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Plan, example, read_plan, simulate
-from qsframework.identify import identify
+from qsframework.fits import identify
+from qsframework.plans import check_poses
+from qsframework.plans.candidates import reference_point
 from qsframework.plugin import Actuator, Array, Context, Parameter, Poses, RobotFacts, Spring, find as find_effect
 
 TRIANGLE = SpringTriangle(*numbers.FITTED)

@@ -16,7 +16,7 @@ from qsframework.estimation import FitOptions
 from qsframework.experiment import load_experiment
 from qsframework.experiment.examples import example
 from qsframework.experiment.simulate import displaced
-from qsframework.identify import identify
+from qsframework.fits import identify
 from qsframework.plugin import Conditions, Effect, check_effect
 from tests.identify.arm import random_poses
 

@@ -16,8 +16,8 @@ import paper_wrist as wrist
 import pytest
 from paper_steps import loss_range
 
-from qsframework.design import CRITERIA, design, generate_candidates
-from qsframework.design.candidates import reference_point
+from qsframework.plans import CRITERIA, design, generate_candidates
+from qsframework.plans.candidates import reference_point
 
 
 @pytest.fixture(scope="module")

@@ -27,7 +27,7 @@ def test_the_public_api_changes_only_on_purpose(root: Path) -> None:
 
 def test_the_list_notices_changes(monkeypatch: pytest.MonkeyPatch) -> None:
     """An argument, a method or a name more or less is another list."""
-    package = importlib.import_module("qsframework.identify")
+    package = importlib.import_module("qsframework.fits")
     before = make_public_api.listing()
     monkeypatch.setattr(package, "read_fit", lambda path, strict=True: None)
     assert make_public_api.listing() != before

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import make_robots
 
-from qsframework.applications.conformance import STEPS, GravityCheck
+from qsframework.uses.conformance import STEPS, GravityCheck
 
 
 def test_the_table_is_that_of_the_folders(root: Path) -> None:

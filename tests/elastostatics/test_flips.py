@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from qsframework.design import generate_candidates
 from qsframework.elastostatics import flip_margin
 from qsframework.experiment import Constraints, Experiment
+from qsframework.plans import generate_candidates
 from qsframework.plugin import Poses
 
 M2 = (60.0, np.array([-0.36, 0.0, 0.28]))

@@ -10,7 +10,7 @@ import pytest
 
 from qsframework.errors import InputError
 from qsframework.experiment import example, load_experiment, read_readings
-from qsframework.identify import identify
+from qsframework.fits import identify
 
 
 @pytest.mark.parametrize("cell", ["", "nan", "9999", "lost beam"])

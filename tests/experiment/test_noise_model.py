@@ -10,10 +10,7 @@ import pytest
 
 from qsf_trackers.importing import import_readings
 from qsf_trackers.words import import_words
-from qsframework.design.candidates import generate_candidates
-from qsframework.design.options import DesignOptions
-from qsframework.design.problem import joint_sd, make_problem
-from qsframework.diagnose.audit_entries import Audited, noise_entry
+from qsframework.diagnoses.audit_entries import Audited, noise_entry
 from qsframework.errors import InputError
 from qsframework.estimation import LinearFit, orthonormal
 from qsframework.estimation.axis_noise import LEVEL, axis_noise
@@ -21,9 +18,12 @@ from qsframework.experiment import Experiment, make_rows, read_readings, simulat
 from qsframework.experiment.noise import NoiseModel, split_covariances
 from qsframework.experiment.observations import ReadingRows
 from qsframework.experiment.simulate import planned_readings
-from qsframework.identify import identify
+from qsframework.fits import identify
 from qsframework.information import predicted_sd
 from qsframework.information.sensitivities import plan_columns
+from qsframework.plans.candidates import generate_candidates
+from qsframework.plans.options import DesignOptions
+from qsframework.plans.problem import joint_sd, make_problem
 from qsframework.plugin import Array
 from tests.calibration.small_arm import LOADS, small_arm, small_plan
 
@@ -206,7 +206,7 @@ def test_copies_are_no_reads(tmp_path: Path) -> None:
 
 def test_options_of_a_design_with_a_beam_run(tmp_path: Path) -> None:
     """The whole verb, with a tracker that errs along its beam: its promise is that of the readings of the plan."""
-    from qsframework.design import design
+    from qsframework.plans import design
 
     arm = small_arm(tmp_path, f"{{{BEAM}, repeatability_mm: 0.01}}", STATION)
     plan = design(arm, 6, candidates=generate_candidates(arm, 60, seed=0), options=DesignOptions(criterion="A"))

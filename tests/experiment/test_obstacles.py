@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 import trimesh
 
-from qsframework.design import broken_constraints, design
-from qsframework.design.constraints import check_poses, touching
-from qsframework.design.path_check import Surroundings, find_way, stretch
-from qsframework.design.programme import make_programme
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, load_experiment
+from qsframework.plans import broken_constraints, design
+from qsframework.plans.constraints import check_poses, touching
+from qsframework.plans.path_check import Surroundings, find_way, stretch
+from qsframework.plans.programme import make_programme
 from qsframework.plugin import Array
 from qsframework.robot.kinematics import joint_frames
 from qsframework.viz.show_scene import show_scene

@@ -10,8 +10,8 @@ import pytest
 
 from qsframework.experiment import Experiment, make_plan, make_rows, read_readings, simulate, write_readings
 from qsframework.experiment.readings import joined
+from qsframework.fits import identify
 from qsframework.hypotheses.catalogue.causes import find_causes
-from qsframework.identify import identify
 from qsframework.plugin import Array, Conditions, Poses, build_effects
 from qsframework.plugin.facts import came_from
 from tests.identify.arm import random_poses

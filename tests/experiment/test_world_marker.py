@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from qsframework.diagnose.explanations import motions_at
+from qsframework.diagnoses.explanations import motions_at
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, example, load_experiment, make_plan, make_rows
 from qsframework.experiment.simulate import planned_readings

@@ -26,9 +26,9 @@ LAYERS = (
     ("information",),
     ("hypotheses",),
     ("screening",),
-    ("design", "identify"),
-    ("diagnose",),
-    ("applications",),
+    ("plans", "fits"),
+    ("diagnoses",),
+    ("uses",),
     ("report", "viz"),
     ("cli",),
 )
@@ -38,7 +38,7 @@ SIBLINGS = {("report", "viz")}
 OWNERS = {
     "pinocchio": "robot",
     "coal": "robot",
-    "cvxpy": "design/relaxed.py",
+    "cvxpy": "plans/relaxed.py",
     "meshcat": "viz",
     "starlette": "qsf_day/server.py",
     "joblib": "work",

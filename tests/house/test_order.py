@@ -92,9 +92,9 @@ def test_options_are_named_by_commands_only() -> None:
 SAYING = {
     "screening/closure.py: ClosureCheck",
     "robot/statics.py: GravityCheck",
-    "design/candidates.py: Candidates",
+    "plans/candidates.py: Candidates",
     "estimation/rank.py: RankTest",
-    "identify/record.py: Masked",
+    "fits/record.py: Masked",
     "experiment/finding.py: Finding",
     "information/identifiable.py: NotEstimated",
     "hypotheses/hypothesis.py: Hypothesis",

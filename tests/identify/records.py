@@ -11,7 +11,7 @@ from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment
 from qsframework.experiment.account import Account
 from qsframework.experiment.description import description
-from qsframework.identify import Estimate, FitRecord
+from qsframework.fits import Estimate, FitRecord
 from qsframework.plugin import Array
 
 

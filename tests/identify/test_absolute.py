@@ -16,7 +16,7 @@ from qsframework.errors import InputError, NotIdentifiable
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Frame, Readings, load_experiment, observation_model, read_readings
 from qsframework.experiment.frames import procrustes
-from qsframework.identify import identify
+from qsframework.fits import identify
 from qsframework.information.selection import choose, identifiable_names
 from qsframework.plugin import Array, Poses
 from tests.identify.arm import position_readings, spoilt

@@ -10,7 +10,7 @@ import pytest
 from qsframework.experiment import load_experiment, make_rows
 from qsframework.experiment.before import errors_before
 from qsframework.experiment.simulate import planned_readings
-from qsframework.identify import identify, validate
+from qsframework.fits import identify, validate
 from qsframework.plugin import Array
 from tests.calibration.small_arm import SIGMA, positions, small_arm, small_plan
 

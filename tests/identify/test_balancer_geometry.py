@@ -10,8 +10,8 @@ from arm import position_readings, random_poses, settled
 
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, make_plan, on_robot, simulate
-from qsframework.identify import EstimateState as EstimateState, identify
-from qsframework.identify.identify import fit_readings
+from qsframework.fits import EstimateState as EstimateState, identify
+from qsframework.fits.identify import fit_readings
 from qsframework.plugin import build_effects
 from qsframework.robot import StructuralChange, alternatives
 from qsframework.robot.alternatives import with_effect

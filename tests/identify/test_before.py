@@ -15,7 +15,7 @@ from qsframework.cli.app import app
 from qsframework.errors import InputError
 from qsframework.experiment import load_experiment, make_plan, read_readings, simulate
 from qsframework.experiment.observations import values_before
-from qsframework.identify import identify, validate
+from qsframework.fits import identify, validate
 from qsframework.plugin import Parameter, Poses
 
 pytestmark = pytest.mark.usefixtures("diagnosed_once")

@@ -12,7 +12,7 @@ from qsframework.cli.identify import FitFiles, run_identify
 from qsframework.errors import InputError, NotConverged
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Plan, load_experiment, make_plan, simulate, write_readings
-from qsframework.identify import Fit, identify, read_fit
+from qsframework.fits import Fit, identify, read_fit
 from qsframework.plugin import Array, Poses
 from tests.identify.arm import arm_text
 

@@ -11,9 +11,9 @@ from qsframework.errors import InputError
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Readings, make_plan, simulate
 from qsframework.experiment.setup import LoadUncertainty
-from qsframework.identify import EstimateState, identify
-from qsframework.identify.load_error import load_sds
-from qsframework.identify.two_step import find_balanced
+from qsframework.fits import EstimateState, identify
+from qsframework.fits.load_error import load_sds
+from qsframework.fits.two_step import find_balanced
 from qsframework.plugin import Poses, build_effects
 from tests.identify.arm import with_sigma
 

@@ -15,8 +15,8 @@ from qsframework.elastostatics import Model, make_model
 from qsframework.errors import InputError
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Readings, load_experiment, make_plan, read_readings, simulate
-from qsframework.identify import Fit, identify, read_fit, write_fit, write_nominal
-from qsframework.identify.io import result_files, write_campaign, write_urdf
+from qsframework.fits import Fit, identify, read_fit, write_fit, write_nominal
+from qsframework.fits.io import result_files, write_campaign, write_urdf
 from qsframework.plugin import Poses, build_effects
 from qsframework.robot import load_robot
 from tests.identify.arm import random_poses

@@ -9,7 +9,7 @@ from paper_steps import planar_rows, step_one_covariance, stiffness_rows
 from statistics_methods import L2, L3, LC, NOISE, PLANS, TRUTH, Plan, squares
 
 from qsframework.experiment import example, load_experiment
-from qsframework.identify.two_step import step_two_information, stiffness_covariance
+from qsframework.fits.two_step import step_two_information, stiffness_covariance
 
 COUNT = 400
 HOLDS = [c for c in CASES if c.covariance and c.modelled and c.nominal == 1.0]

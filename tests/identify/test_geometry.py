@@ -19,8 +19,8 @@ from qsframework.experiment import (
     read_readings,
     simulate,
 )
-from qsframework.identify import identify
-from qsframework.identify.io import write_campaign
+from qsframework.fits import identify
+from qsframework.fits.io import write_campaign
 from qsframework.information.selection import identifiable_names
 from qsframework.plugin import Array, Poses
 from tests.identify.arm import position_readings, random_poses

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from qsframework.design import generate_candidates
-from qsframework.diagnose import diagnose
+from qsframework.diagnoses import diagnose
 from qsframework.experiment import Experiment, Readings, example, load_experiment, make_plan, simulate
-from qsframework.identify import Fit, identify
+from qsframework.fits import Fit, identify
+from qsframework.plans import generate_candidates
 from qsframework.plugin import Poses
 
 SEEDS = (1, 2)

@@ -24,7 +24,7 @@ from qsframework.experiment import (
     write_readings,
 )
 from qsframework.experiment.readings import joined
-from qsframework.identify import EstimateState, identify
+from qsframework.fits import EstimateState, identify
 from qsframework.plugin import Array, Parameter, Poses
 from tests.identify.arm import arm_text, position_readings, spoilt
 

@@ -15,7 +15,7 @@ from qsframework.experiment import Experiment, Frame, Readings, load_experiment,
 from qsframework.experiment.readings import KINDS, joined
 from qsframework.experiment.readings_file import read_readings
 from qsframework.experiment.readings_table import write_readings
-from qsframework.identify import identify
+from qsframework.fits import identify
 from qsframework.plugin import Array, Poses
 from qsframework.report import error_tables
 from tests.identify.arm import position_readings

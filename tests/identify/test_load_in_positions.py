@@ -10,8 +10,8 @@ import pytest
 
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, LoadUncertainty, observation_model
-from qsframework.identify import identify
-from qsframework.identify.load_error import load_columns
+from qsframework.fits import identify
+from qsframework.fits.load_error import load_columns
 from qsframework.report import fit_table
 from tests.calibration.small_arm import SPRINGS, acting, positions, small_arm, small_plan
 

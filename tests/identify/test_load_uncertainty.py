@@ -21,8 +21,8 @@ from qsframework.experiment import (
     observation_model,
     simulate,
 )
-from qsframework.identify import identify
-from qsframework.identify.load_error import LoadError, load_columns
+from qsframework.fits import identify
+from qsframework.fits.load_error import LoadError, load_columns
 from qsframework.plugin import Array, Poses, check_effect, find
 
 KEEP = FitOptions(keep_all=True)

@@ -11,9 +11,9 @@ from qsframework.cli.demo import read_as_relative
 from qsframework.errors import InputError, NotConverged
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Plan, Readings, make_plan, make_rows, observation_model, simulate
-from qsframework.identify import EstimateState, Fit, identify
-from qsframework.identify.fit import Found
-from qsframework.identify.two_step import _StepOne, distinct_angles, find_balanced, two_step  # pyright: ignore[reportPrivateUsage]
+from qsframework.fits import EstimateState, Fit, identify
+from qsframework.fits.fit import Found
+from qsframework.fits.two_step import _StepOne, distinct_angles, find_balanced, two_step  # pyright: ignore[reportPrivateUsage]
 from qsframework.plugin import Array, Poses, build_effects
 from tests.identify.arm import shared_unloaded, spoilt, with_sigma
 

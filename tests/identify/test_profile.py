@@ -15,7 +15,7 @@ from qsframework.cli.app import app
 from qsframework.errors import InputError
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Readings, example, make_plan, simulate
-from qsframework.identify import identify
+from qsframework.fits import identify
 from tests.identify.arm import random_poses
 
 BALANCER = "gravity_compensator[joint_2].stiffness"

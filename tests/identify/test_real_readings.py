@@ -11,7 +11,7 @@ from qsframework.cli.demo import read_as_relative, with_offaxis
 from qsframework.errors import InputError
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Readings, make_rows
-from qsframework.identify import EstimateState, identify
+from qsframework.fits import EstimateState, identify
 
 LINEAR = FitOptions(linear=True, keep_all=True)
 """The independent code that these numbers are from balances the load at the undeflected pose."""

@@ -24,7 +24,7 @@ from qsframework.experiment import (
     simulate,
     write_readings,
 )
-from qsframework.identify import identify
+from qsframework.fits import identify
 from qsframework.plugin import Parameter, Poses
 
 

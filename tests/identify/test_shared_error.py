@@ -12,7 +12,7 @@ from qsframework.cli.identify import FitFiles, run_identify
 from qsframework.errors import InputError
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Readings, make_plan, simulate, write_readings
-from qsframework.identify import identify
+from qsframework.fits import identify
 from qsframework.plugin import Array, Poses
 
 POSES = 14

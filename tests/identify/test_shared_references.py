@@ -22,7 +22,7 @@ from qsframework.experiment import (
     simulate,
     write_readings,
 )
-from qsframework.identify import Fit, identify
+from qsframework.fits import Fit, identify
 from qsframework.plugin import Array, Poses
 from tests.identify.arm import shared_unloaded, with_sigma
 from tests.identify.test_states import BASE, dense, measured

@@ -10,7 +10,7 @@ import pytest
 
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Plan, make_plan, read_readings, simulate, write_readings
-from qsframework.identify import identify, validate_halves
+from qsframework.fits import identify, validate_halves
 from qsframework.information import predicted_sd
 from qsframework.plugin import Poses
 

@@ -11,9 +11,6 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from qsframework.applications.compensate import compensate
-from qsframework.applications.robot_from_fit import with_fit
-from qsframework.applications.targets import read_targets
 from qsframework.cli.app import app
 from qsframework.cli.show import Shown, make_scene
 from qsframework.errors import InputError
@@ -21,10 +18,13 @@ from qsframework.experiment import Experiment, Readings
 from qsframework.experiment.description import robot_hash
 from qsframework.experiment.readings_file import read_readings
 from qsframework.experiment.readings_table import write_readings
-from qsframework.identify import FitRecord, identify, read_fit, validate, write_fit
-from qsframework.identify.estimate import EstimateState
-from qsframework.identify.soundness import check_fit
+from qsframework.fits import FitRecord, identify, read_fit, validate, write_fit
+from qsframework.fits.estimate import EstimateState
+from qsframework.fits.soundness import check_fit
 from qsframework.report.words.fit import fit_verdict, verdict_words
+from qsframework.uses.compensate import compensate
+from qsframework.uses.robot_from_fit import with_fit
+from qsframework.uses.targets import read_targets
 from tests.identify.records import assert_same, with_values
 
 TARGETS = "target,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,fx_N,fy_N,fz_N\na,10,20,-10,5,60,0,0,0,-1500\n"

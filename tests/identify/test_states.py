@@ -23,7 +23,7 @@ from qsframework.experiment import (
     simulate,
     write_readings,
 )
-from qsframework.identify import identify, read_fit
+from qsframework.fits import identify, read_fit
 from qsframework.plugin import Array, Poses
 from tests.identify.arm import arm_text, position_readings, settled, with_sigma
 

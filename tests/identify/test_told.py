@@ -10,8 +10,8 @@ import pytest
 
 from qsframework.estimation import FitOptions
 from qsframework.experiment import load_experiment, read_readings
-from qsframework.identify import EstimateState, Fit, identify
-from qsframework.identify.estimate import estimate_of
+from qsframework.fits import EstimateState, Fit, identify
+from qsframework.fits.estimate import estimate_of
 from qsframework.information import NotEstimated
 from qsframework.information.selection import choose
 from qsframework.plugin import Parameter

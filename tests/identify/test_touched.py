@@ -23,7 +23,7 @@ from qsframework.experiment import (
     write_readings,
 )
 from qsframework.experiment.columns import joint_cells
-from qsframework.identify import Fit, identify
+from qsframework.fits import Fit, identify
 from qsframework.plugin import Array, Poses
 
 TEXT = """robot: ur10

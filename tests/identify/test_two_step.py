@@ -9,7 +9,7 @@ import pytest
 from paper_steps import balancer_length, link_deflection, loss_range, planar_rows, step_one_covariance, stiffness_rows
 
 from qsf_plugins.spring_triangle import SpringTriangle, spring
-from qsframework.identify.two_step import (
+from qsframework.fits.two_step import (
     distinct_angles,
     step_two,
     step_two_information,

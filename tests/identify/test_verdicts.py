@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from qsframework.design import design
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Plan, simulate
-from qsframework.identify import EstimateState, identify
+from qsframework.fits import EstimateState, identify
+from qsframework.plans import design
 from qsframework.report.words.fit import verdict_words
 from tests.identify.arm import spoilt, with_sigma
 

@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from qsframework.applications.robot_from_fit import with_fit
 from qsframework.cli.app import app
 from qsframework.errors import InputError
-from qsframework.identify import read_fit
+from qsframework.fits import read_fit
 from qsframework.robot import load_robot
+from qsframework.uses.robot_from_fit import with_fit
 
 ROOT = Path(__file__).resolve().parents[2]
 TARGETS = "target,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,fx_N,fy_N,fz_N\na,10,20,-10,5,60,0,0,0,-1500\n"

@@ -16,8 +16,8 @@ from qsframework.cli.app import app
 from qsframework.errors import InputError
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, example, load_experiment, make_plan, read_readings, simulate
-from qsframework.identify import identify, read_fit, validate, write_fit
-from qsframework.identify.soundness import check_fit
+from qsframework.fits import identify, read_fit, validate, write_fit
+from qsframework.fits.soundness import check_fit
 from tests.applications.test_compensate import angles, posed
 
 LOAD = np.array([0.0, 1500.0, -4000.0, 0.0, 0.0, 0.0])

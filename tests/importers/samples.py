@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from qsf_controllers.export import export
-from qsframework.design.programme import draft
 from qsframework.elastostatics.so3 import exponential
 from qsframework.experiment import Experiment, Frame, Plan, load_experiment, make_plan, write_plan
 from qsframework.experiment.columns import joint_cells, number, write_table
+from qsframework.plans.programme import draft
 from qsframework.plugin import Array, Poses
 
 EXPERIMENT = """robot: fanuc_m900ib

@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from qsframework.design import design
 from qsframework.errors import InputError, NotIdentifiable
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, load_experiment, make_plan, simulate
 from qsframework.experiment.examples import example
 from qsframework.experiment.noise import NoiseModel
-from qsframework.identify import EstimateState, identify
+from qsframework.fits import EstimateState, identify
 from qsframework.information import predicted_sd, what_would_help
 from qsframework.information.advice import load_share, spring_torques, unit_torques
+from qsframework.plans import design
 from qsframework.plugin import Poses
 from qsframework.plugin.facts import frozen
 from tests.identify.arm import random_poses

@@ -13,7 +13,7 @@ import pytest
 
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Plan, example, load_experiment, read_plan, simulate
-from qsframework.identify import EstimateState, Fit, identify
+from qsframework.fits import EstimateState, Fit, identify
 from qsframework.information import predicted_sd
 from qsframework.plugin import Array
 from tests.identify.arm import arm_text

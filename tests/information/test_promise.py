@@ -33,7 +33,7 @@ def test_a_plan_that_cannot_tell_a_spring_says_what_would_help(tmp_path: Path) -
 
 
 def test_a_design_that_no_plan_can_meet_says_what_would_help() -> None:
-    from qsframework.design import design
+    from qsframework.plans import design
 
     experiment = load_experiment(PAPER / "experiment.yaml")
     weight = experiment.with_(loads=experiment.loads[:1])

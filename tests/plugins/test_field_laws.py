@@ -9,14 +9,14 @@ from functools import cache
 import numpy as np
 import pytest
 
-from qsframework.design import DesignOptions, design
-from qsframework.diagnose import diagnose
-from qsframework.diagnose.result import Status
+from qsframework.diagnoses import diagnose
+from qsframework.diagnoses.result import Status
 from qsframework.elastostatics import Site, make_model
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Frame, Readings, make_plan, simulate
 from qsframework.experiment.simulate import displaced
-from qsframework.identify import identify
+from qsframework.fits import identify
+from qsframework.plans import DesignOptions, design
 from qsframework.plugin import (
     Array,
     Conditions,

@@ -15,7 +15,7 @@ from qsframework.elastostatics.so3 import exponential
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Readings, load_experiment, read_readings
 from qsframework.experiment.columns import write_table
-from qsframework.identify import EstimateState, Fit, identify
+from qsframework.fits import EstimateState, Fit, identify
 from qsframework.plugin import Array, Poses
 from qsframework.screening import find_mistakes
 
@@ -198,7 +198,7 @@ def test_states_of_estimates(clean: tuple[Made, Readings, Path]) -> None:
 
 def test_a_mass_that_the_arm_cannot_have_is_implausible() -> None:
     """18 kg of unknown mass on an arm for 3 kg."""
-    from qsframework.identify.estimate import estimate_of
+    from qsframework.fits.estimate import estimate_of
     from qsframework.plugin import Parameter
 
     mass = Parameter("link_mass[link_3].mass", "kg", typical=0.03 * 3.0)
@@ -207,7 +207,7 @@ def test_a_mass_that_the_arm_cannot_have_is_implausible() -> None:
 
 
 def test_a_value_twelve_sds_from_zero_is_told_whatever_was_expected() -> None:
-    from qsframework.identify.estimate import estimate_of
+    from qsframework.fits.estimate import estimate_of
     from qsframework.plugin import Parameter
 
     soft = Parameter("joint_compliance[joint_2]", "rad/(N m)", nominal=1e-6, typical=1e-6)

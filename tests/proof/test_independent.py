@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from qsframework.diagnose import Diagnosis, diagnose
+from qsframework.diagnoses import Diagnosis, diagnose
 from qsframework.elastostatics import equilibrium
 from qsframework.experiment import load_experiment, read_readings
 from qsframework.report.words.diagnosis import diagnosis_words

@@ -33,7 +33,7 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from qsframework.cli import main
-from qsframework.identify import read_fit
+from qsframework.fits import read_fit
 
 PINNED = Path(__file__).parent / "pinned"
 

@@ -12,9 +12,9 @@ import pytest
 from remembered import diagnose
 
 from qsf_plugins.joint_hardening import JointHardening
-from qsframework.diagnose import Diagnosis
-from qsframework.diagnose.error_budget import error_budget, linear_errors
-from qsframework.diagnose.result import Leftover, Status
+from qsframework.diagnoses import Diagnosis
+from qsframework.diagnoses.error_budget import error_budget, linear_errors
+from qsframework.diagnoses.result import Leftover, Status
 from qsframework.elastostatics import make_model
 from qsframework.hypotheses.catalogue.law import Law, LikelyPlace
 from qsframework.report import Figure, ReportTable, SceneView, Section, write_report

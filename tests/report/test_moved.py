@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from qsframework.cli.app import app
 from qsframework.experiment import Experiment, example, read_plan, simulate
-from qsframework.identify import Fit, identify
+from qsframework.fits import Fit, identify
 from qsframework.report.fit_plots import fit_figures
 from qsframework.report.moved_section import moved_table, moved_words
 

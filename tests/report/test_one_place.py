@@ -12,8 +12,8 @@ import qsframework as qsf
 from qsframework.cli.identify import FitFiles, run_identify
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Readings, example
-from qsframework.identify import Fit, columns
-from qsframework.identify.columns import ErrorRow, FitColumn
+from qsframework.fits import Fit, columns
+from qsframework.fits.columns import ErrorRow, FitColumn
 
 COLUMN = FitColumn(key="signal", head="S/N", value=lambda _, e: e.value / e.sd, brief=True)
 ERROR = ErrorRow(key="twice", head="residuals, doubled", errors=lambda fit, kind: 2.0 * fit.residuals[fit.kind == kind])

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from qsframework.design import DesignOptions, design
 from qsframework.experiment import Experiment
 from qsframework.information import predicted_sd
+from qsframework.plans import DesignOptions, design
 from qsframework.report.words.plan import plan_verdict
 
 

@@ -47,7 +47,7 @@ def test_what_is_missing_is_said(r2000ic: Experiment, real: Readings, tmp_path: 
 
 
 def test_the_verbs_with_names_of_packages_stay_verbs() -> None:
-    import qsframework.diagnose.power
+    import qsframework.diagnoses.power
     import qsframework.report.page
 
     assert callable(qsf.report)

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 import qsframework as qsf
-from qsframework.diagnose import Diagnosis
+from qsframework.diagnoses import Diagnosis
 from qsframework.experiment import Experiment, Readings, example
-from qsframework.identify import Fit
+from qsframework.fits import Fit
 from qsframework.report.words.fit import fit_verdict
 from tests.diagnose.cases import hardened
 

@@ -8,9 +8,9 @@ import mujoco_m900ib as plain
 import numpy as np
 import pytest
 
-from qsframework.design import check_poses
 from qsframework.elastostatics import Site, actuator_torques, flip_margin, make_model
 from qsframework.experiment import Experiment, example, load_experiment, read_plan
+from qsframework.plans import check_poses
 from qsframework.plugin import Poses
 from qsframework.robot import Robot, load_robot
 

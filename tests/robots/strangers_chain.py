@@ -13,10 +13,10 @@ import typer
 from strangers import STRANGERS, Stranger
 from strangers_more import MORE
 
-from qsframework.applications.conformance import small_campaign
 from qsframework.cli.app import app
 from qsframework.errors import QsfError
 from qsframework.robot import load_robot
+from qsframework.uses.conformance import small_campaign
 
 EVERY = (*STRANGERS, *MORE)
 COMMANDS = {

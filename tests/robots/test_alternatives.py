@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from qsframework.applications.conformance import small_campaign
 from qsframework.elastostatics import Model, Site, actuator_torques, make_model
 from qsframework.experiment import Experiment, as_shown, make_plan, on_robot, simulate
-from qsframework.identify import identify
+from qsframework.fits import identify
 from qsframework.plugin import Poses, build_effects
 from qsframework.robot import Alternative, Robot, StructuralChange, alternatives, load_robot, robot_names
+from qsframework.uses.conformance import small_campaign
 
 ROOT = Path(__file__).resolve().parents[2]
 MACHINES = [str(folder) for folder in sorted((ROOT / "tests" / "robots" / "machines").iterdir())]

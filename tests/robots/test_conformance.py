@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from qsframework.applications.conformance import STEPS, check_robot
 from qsframework.elastostatics import Site, actuator_torques, make_model
 from qsframework.errors import InputError
 from qsframework.plugin import Loop, Poses
 from qsframework.plugin.loops import follow
 from qsframework.robot import load_robot
 from qsframework.robot.reference import reference_flange
+from qsframework.uses.conformance import STEPS, check_robot
 
 ROOT = Path(__file__).resolve().parents[2]
 ROBOTS = sorted(p.parent.name for p in ROOT.glob("robots/*/robot.yaml"))

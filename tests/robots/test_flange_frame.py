@@ -19,7 +19,7 @@ from qsframework.elastostatics.so3 import exponential
 from qsframework.errors import InputError
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, load_experiment, read_readings
-from qsframework.identify import identify, read_fit
+from qsframework.fits import identify, read_fit
 from qsframework.plugin import Array, Effect, Poses, registry
 from qsframework.robot import load_robot, robot_names
 from qsframework.robot.reference import reference_flange

@@ -12,13 +12,13 @@ import pinocchio as pin
 import pytest
 from pinocchio_energy import energy_tip
 
-from qsframework.applications.conformance import check_robot, small_campaign
 from qsframework.elastostatics import Model, Site, actuator_torques, flip_margin, make_model
 from qsframework.elastostatics.motion import move, nominal_actuators
 from qsframework.elastostatics.state import place
 from qsframework.errors import InputError
 from qsframework.plugin import Context, Effect, Poses, build_effects, check_effect
 from qsframework.robot import Robot, load_robot
+from qsframework.uses.conformance import check_robot, small_campaign
 from qsframework.viz.robot_shapes import draw_robot, link_frames
 from qsframework.viz.scene import Scene
 from qsframework.viz.show_scene import place_poses

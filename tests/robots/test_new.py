@@ -13,14 +13,14 @@ from typer.testing import CliRunner
 
 from qsf_onboarding.folder import new
 from qsf_onboarding.proposal import propose
-from qsframework.applications.conformance import check_robot, small_campaign
 from qsframework.cli.app import app
 from qsframework.cli.check import check_files
-from qsframework.design import DesignOptions, design
 from qsframework.errors import InputError
 from qsframework.experiment import load_experiment
+from qsframework.plans import DesignOptions, design
 from qsframework.robot import load_robot
 from qsframework.robot.reference import reference_flange
+from qsframework.uses.conformance import check_robot, small_campaign
 
 JOINT = (
     '<joint name="{n}" type="{k}"><parent link="{p}"/><child link="{c}"/>'

@@ -11,7 +11,6 @@ import pytest
 from sliding_arms import ARMS, write_arm
 from typer.testing import CliRunner
 
-from qsframework.applications.conformance import check_robot
 from qsframework.cli.app import app
 from qsframework.errors import InputError
 from qsframework.experiment import load_experiment, make_rows, read_readings
@@ -21,6 +20,7 @@ from qsframework.hypotheses.catalogue.place_motions import variables
 from qsframework.report.words.law import variable_words
 from qsframework.robot import Robot, load_robot
 from qsframework.robot.kinematics import joint_frames
+from qsframework.uses.conformance import check_robot
 
 EXPERIMENT = """robot: tracked
 load: {point_mm: [100, 0, 100]}

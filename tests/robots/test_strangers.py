@@ -12,12 +12,12 @@ from typer.testing import CliRunner
 
 from qsf_onboarding.folder import Arm, new
 from qsf_onboarding.proposal import _TWIST_AT_EFFORT, _TWIST_AT_WEIGHT, Proposal, propose
-from qsframework.applications.conformance import check_robot
 from qsframework.cli.app import app
 from qsframework.errors import InputError
 from qsframework.robot import load_robot
 from qsframework.robot.packages import Sources
 from qsframework.robot.reference import reference_flange
+from qsframework.uses.conformance import check_robot
 
 BODY = (
     '<inertial><origin xyz="0 0 {z}"/><mass value="{m}"/>'

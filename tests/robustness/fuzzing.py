@@ -30,10 +30,6 @@ from qsf_controllers.fanuc import write_fanuc
 from qsf_controllers.krl import write_krl
 from qsf_controllers.rapid import write_rapid
 from qsf_controllers.urscript import write_urscript
-from qsframework.applications.stiffness import stiffness_at
-from qsframework.applications.targets import read_targets
-from qsframework.applications.task import load_task
-from qsframework.design.programme import Move, Programme
 from qsframework.errors import InputError, QsfError
 from qsframework.experiment import (
     Experiment,
@@ -46,10 +42,14 @@ from qsframework.experiment import (
     read_readings,
 )
 from qsframework.files import sha256
-from qsframework.identify import identify, read_fit, write_fit
+from qsframework.fits import identify, read_fit, write_fit
+from qsframework.plans.programme import Move, Programme
 from qsframework.plugin import Poses
 from qsframework.plugin.language import endings, read_source
 from qsframework.robot import Robot, load_robot
+from qsframework.uses.stiffness import stiffness_at
+from qsframework.uses.targets import read_targets
+from qsframework.uses.task import load_task
 
 ROOT = Path(__file__).resolve().parents[2]
 ROBOTS = ("ur10", "fanuc_m900ib", "kuka_kr270")

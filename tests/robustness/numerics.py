@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from hypothesis import HealthCheck, Phase, settings
 
-from qsframework.design.candidates import generate_candidates
-from qsframework.diagnose import Diagnosis, diagnose
+from qsframework.diagnoses import Diagnosis, diagnose
 from qsframework.elastostatics import make_model
 from qsframework.experiment import Experiment, Readings, example, load_experiment, make_plan, simulate
 from qsframework.experiment.noise import NoiseModel
 from qsframework.experiment.readings import UNSTATED
 from qsframework.experiment.setup import LoadCase
+from qsframework.plans.candidates import generate_candidates
 from qsframework.plugin import Array, Effect, Parameter, Poses, build_effects
 from qsframework.plugin.facts import frozen
 

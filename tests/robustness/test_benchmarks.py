@@ -15,7 +15,7 @@ import pytest
 from scipy.stats import binomtest
 
 from qsframework.experiment import load_experiment, read_readings
-from qsframework.identify import identify
+from qsframework.fits import identify
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "results.md"

@@ -20,9 +20,9 @@ import numpy as np
 import pytest
 from long_tasks import bits, column, die, odd, refuse, shared, spectrum, strides, tasks, too_late, whose
 
-from qsframework.design import DesignOptions, design
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment
+from qsframework.plans import DesignOptions, design
 from qsframework.work import HERE, Work, WorkerLost, run, workers
 from qsframework.work.carry import Packed, pack, unpack
 

@@ -11,14 +11,14 @@ import yaml
 from command_lines import CAMPAIGN, SMALL
 from test_kill import TASK
 
-from qsframework.applications.compare import compare
-from qsframework.applications.task import load_task
 from qsframework.cli import main
-from qsframework.design import DesignOptions, design, generate_candidates
-from qsframework.diagnose import forecast
+from qsframework.diagnoses import forecast
 from qsframework.experiment import Experiment, Plan, load_experiment
+from qsframework.plans import DesignOptions, design, generate_candidates
 from qsframework.report.result_json import foresight_json
 from qsframework.robot import load_robot
+from qsframework.uses.compare import compare
+from qsframework.uses.task import load_task
 from qsframework.work import HERE, Work
 
 Job = Callable[[Work], bytes]

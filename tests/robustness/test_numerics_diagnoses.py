@@ -11,7 +11,7 @@ from test_numerics_order import all_in_order
 from test_numerics_units import same
 
 from qsf_plugins.joint_backlash import JointBacklash
-from qsframework.diagnose import diagnose
+from qsframework.diagnoses import diagnose
 from qsframework.plugin import RobotFacts
 
 

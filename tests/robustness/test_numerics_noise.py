@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given, strategies as st
 from numerics import SIGMA, campaign, candidates, few, noisy, poses, readings, weighed, with_effects, with_forces
 
-from qsframework.design import DesignOptions, design
-from qsframework.diagnose import diagnose
+from qsframework.diagnoses import diagnose
 from qsframework.errors import InputError, NotConverged
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Readings, make_plan, simulate
 from qsframework.experiment.readings import UNSTATED
 from qsframework.experiment.simulate import displaced
-from qsframework.identify import EstimateState, identify
+from qsframework.fits import EstimateState, identify
+from qsframework.plans import DesignOptions, design
 from qsframework.plugin import Array, Conditions, build_effects
 from qsframework.plugin.facts import frozen
 

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, strategies as st
 from numerics import campaign, candidates, few, poses, readings
 
-from qsframework.design import DesignOptions, design
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Readings
 from qsframework.experiment.readings import joined
-from qsframework.identify import Fit, identify
+from qsframework.fits import Fit, identify
+from qsframework.plans import DesignOptions, design
 from qsframework.plugin import Indices
 from qsframework.plugin.facts import frozen
 

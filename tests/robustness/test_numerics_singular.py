@@ -12,13 +12,13 @@ import pytest
 from hypothesis import given, strategies as st
 from numerics import SIGMA, campaign, candidates, few, noisy, poses, weighed, with_effects
 
-from qsframework.design import DesignOptions, design
-from qsframework.design.criteria import Determinant, Linear
-from qsframework.design.problem import joint_sd
 from qsframework.estimation import FitOptions, Independent, Observations, rank_test, solve
 from qsframework.experiment import Experiment, make_plan, simulate
-from qsframework.identify import EstimateState, identify
+from qsframework.fits import EstimateState, identify
 from qsframework.information import information_rows, predicted_sd
+from qsframework.plans import DesignOptions, design
+from qsframework.plans.criteria import Determinant, Linear
+from qsframework.plans.problem import joint_sd
 from qsframework.plugin import Array, Parameter, build_effects
 from qsframework.plugin.facts import frozen
 

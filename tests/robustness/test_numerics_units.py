@@ -24,11 +24,11 @@ from numerics import (
     with_forces,
 )
 
-from qsframework.design import DesignOptions, design
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, load_experiment, make_plan, read_readings, simulate, write_readings
 from qsframework.experiment.observations import REACH
-from qsframework.identify import Fit, identify
+from qsframework.fits import Fit, identify
+from qsframework.plans import DesignOptions, design
 from qsframework.plugin import Array, Context, Load, Loads, LoadTerm, Parameter, Reading, RobotFacts, Sensor, SensorTerm
 from qsframework.units import to_si
 

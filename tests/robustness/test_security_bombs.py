@@ -23,7 +23,7 @@ from qsframework.experiment import (
     read_readings,
 )
 from qsframework.files import read_text, read_yaml
-from qsframework.identify import read_fit
+from qsframework.fits import read_fit
 from qsframework.robot import load_robot
 
 SMALL = Path(__file__).parent / "small"

@@ -15,7 +15,7 @@ from qsframework.cli.printing import print_folded, print_line, print_table
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, example, load_experiment, read_plan, write_plan
 from qsframework.experiment.columns import table_text, unquoted
-from qsframework.identify import read_fit
+from qsframework.fits import read_fit
 
 STEERING = ("\x1b[2J", "\x1b]0;owned\x07", "\x9b31m", "\x08", "\x7f", "\r")
 

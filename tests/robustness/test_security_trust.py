@@ -14,7 +14,7 @@ import yaml
 from typer.testing import CliRunner
 
 from qsframework.cli.app import app, every_command, main
-from qsframework.diagnose import diagnose
+from qsframework.diagnoses import diagnose
 from qsframework.errors import InputError
 from qsframework.experiment import (
     example,
@@ -25,7 +25,7 @@ from qsframework.experiment import (
     write_readings,
 )
 from qsframework.experiment.plan import read_plan
-from qsframework.identify import identify
+from qsframework.fits import identify
 from qsframework.plugin.trusted import trusted, trusting
 from qsframework.report.extended import write_extended
 from qsframework.report.words.diagnosis import diagnosis_words

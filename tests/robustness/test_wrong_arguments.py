@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import qsframework as qsf
-from qsframework.design import DesignOptions
 from qsframework.experiment import Experiment, Plan, Readings, make_plan
+from qsframework.plans import DesignOptions
 from qsframework.plugin import Poses
 
 ROOT = Path(__file__).parents[2]

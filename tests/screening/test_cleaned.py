@@ -10,7 +10,7 @@ import pytest
 from qsframework.cli.identify import FitFiles, run_identify
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Readings, load_experiment, make_plan, simulate, write_readings
-from qsframework.identify import FitRecord, identify, read_fit
+from qsframework.fits import FitRecord, identify, read_fit
 from qsframework.plugin import Poses
 from tests.identify.arm import arm_text, copied, position_readings, spoilt, wrong_in
 

@@ -10,8 +10,8 @@ import pytest
 
 from qsf_onboarding.text import PROPOSED
 from qsframework.experiment import Experiment, LoadUncertainty, Readings
-from qsframework.identify import Fit, identify
-from qsframework.identify.soundness import check_findings
+from qsframework.fits import Fit, identify
+from qsframework.fits.soundness import check_findings
 from qsframework.screening import Mistake, find_mistakes
 from qsframework.screening.common_scale import common_factor, log_sd
 from tests.screening.test_conventions import campaign

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from qsframework.cli.demo import read_as_relative
-from qsframework.diagnose import diagnose
+from qsframework.diagnoses import diagnose
 from qsframework.errors import NotIdentifiable
 from qsframework.experiment import Experiment, Plan, Readings, load_experiment, make_plan, read_readings, simulate
+from qsframework.fits import identify
 from qsframework.hypotheses.catalogue.causes import find_causes, widened
-from qsframework.identify import identify
 from qsframework.plugin import Poses
 from qsframework.report.result_json import diagnosis_json
 from qsframework.report.words.diagnosis import statements

@@ -15,11 +15,11 @@ import pytest
 from independent import Campaign, Setting, noisy, write_campaign
 from independent_arm import ARMS, Hidden
 
-from qsframework.diagnose import diagnose
+from qsframework.diagnoses import diagnose
 from qsframework.errors import NotConverged
 from qsframework.experiment import Experiment, Readings, load_experiment, read_readings
+from qsframework.fits import identify
 from qsframework.hypotheses.linearized import at_solution
-from qsframework.identify import identify
 from qsframework.plugin import Array
 from qsframework.report.words.headline import headline
 from qsframework.screening import adopted, find_mistakes

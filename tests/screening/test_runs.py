@@ -13,7 +13,7 @@ from independent import Campaign, Setting, noisy, write_campaign
 from independent_arm import ARMS, Hidden
 from independent_effects import campaign_for
 
-from qsframework.diagnose import diagnose
+from qsframework.diagnoses import diagnose
 from qsframework.experiment import Experiment, Readings, load_experiment, read_readings
 from qsframework.hypotheses.catalogue.runs import run_of_rows
 from qsframework.hypotheses.linearized import linearized

@@ -12,11 +12,11 @@ from qsframework.cli import main
 from qsframework.errors import NotIdentifiable
 from qsframework.estimation import FitOptions, Independent, LinearFit
 from qsframework.experiment import Experiment, Plan, Readings, example, make_plan, simulate
+from qsframework.fits import identify
 from qsframework.hypotheses.catalogue.exchanged_markers import exchanged_markers
 from qsframework.hypotheses.catalogue.late_angles import late_angles
 from qsframework.hypotheses.linearized import linearized
 from qsframework.hypotheses.outliers import find_outliers
-from qsframework.identify import identify
 from qsframework.plugin import Poses, build_effects
 from qsframework.screening import Mistake
 from tests.identify.arm import copied, shared_unloaded, spoilt, with_sigma, without, wrong_in

@@ -16,8 +16,8 @@ from qsframework.elastostatics.so3 import exponential
 from qsframework.errors import InputError, NotIdentifiable
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Frame, Readings, load_experiment, read_readings, write_readings
+from qsframework.fits import identify
 from qsframework.hypotheses.catalogue.rigidity import first_shape, judged, tools
-from qsframework.identify import identify
 from qsframework.plugin import Array, Poses
 from qsframework.screening import Mistake, adopted, find_mistakes
 from tests.identify.arm import copied, position_readings, settled, spoilt, with_sigma, without, wrong_in

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from qsframework.design import generate_candidates
-from qsframework.diagnose import diagnose
+from qsframework.diagnoses import diagnose
 from qsframework.errors import InputError
 from qsframework.experiment import (
     Experiment,
@@ -19,6 +18,7 @@ from qsframework.experiment import (
     simulate,
 )
 from qsframework.experiment.noise import NoiseModel
+from qsframework.plans import generate_candidates
 from qsframework.plugin import Poses, find
 from qsframework.report.extended import extension_of
 from qsframework.report.words.diagnosis import diagnosis_words

@@ -13,7 +13,7 @@ from independent_arm import ARMS, Hidden
 from independent_effects import SHOWN, hide
 
 from qsframework.cli.check import check_files
-from qsframework.diagnose import diagnose
+from qsframework.diagnoses import diagnose
 from qsframework.experiment import Experiment, LoadCase, Readings, load_experiment, read_readings
 from qsframework.plugin import Array
 from qsframework.report.result_json import diagnosis_json

@@ -15,15 +15,15 @@ import numpy as np
 import pytest
 from headless import unpacked
 
-from qsframework.applications import stiffness_at
 from qsframework.cli.identify import FitFiles, run_identify
 from qsframework.cli.show import Shown, make_scene, run_show
 from qsframework.errors import InputError, QsfError
 from qsframework.estimation import FitOptions
 from qsframework.experiment import Experiment, Plan, example, make_plan, write_plan, write_readings
-from qsframework.identify import read_fit
+from qsframework.fits import read_fit
 from qsframework.plugin import Poses
 from qsframework.robot import load_robot
+from qsframework.uses import stiffness_at
 from tests.diagnose.cases import candidates, day_of_positions
 
 M900IB = example("m900ib") / "experiment.yaml"

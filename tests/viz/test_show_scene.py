@@ -217,7 +217,7 @@ def test_residuals_beside_another_plan_float_at_their_own_poses(r2000ic: Experim
 
 def test_springs_glow_by_their_share_and_the_panel_lists_them(m900ib: Experiment) -> None:
     """Shares are those of `qsf stiffness`; each light stands at its joint, and they come and go with the load."""
-    from qsframework.applications import stiffness_at
+    from qsframework.uses import stiffness_at
 
     plan = a_plan(m900ib)
     scene = show_scene(m900ib, plan)

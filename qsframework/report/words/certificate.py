@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from qsframework.applications.certificate import Certificate, Conformity
 from qsframework.errors import some_of
-from qsframework.identify.record import COVERAGE
+from qsframework.fits.record import COVERAGE
 from qsframework.report.words.noise import SOURCE
 from qsframework.report.words.sizes import mm
+from qsframework.uses.certificate import Certificate, Conformity
 
 SOURCES = {
     "parameters": ("noise of the readings that the parameters rest on", "fit, covariance of the parameters"),

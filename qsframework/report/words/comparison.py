@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from qsframework.applications.compare import Compared, Comparison
 from qsframework.report.blocks import Mark, Verdict
 from qsframework.report.words.sizes import mm
+from qsframework.uses.compare import Compared, Comparison
 
 _SHOWN = 4
 

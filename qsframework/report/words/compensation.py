@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from qsframework.applications.compensate import Compensation
 from qsframework.report.blocks import Mark, Verdict
 from qsframework.report.words.sizes import mm
+from qsframework.uses.compensate import Compensation
 
 _HARDLY = 0.5
 """Share of the uncorrected distance above which what is left says that the fit knows too little there."""

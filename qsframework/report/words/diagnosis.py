@@ -9,9 +9,9 @@ from enum import Enum
 import numpy as np
 
 from qsframework.arguments import checked
-from qsframework.diagnose.result import Alike, Diagnosis, Errors, LearnedLaw, Leftover, Line, NamedCause, Status
-from qsframework.diagnose.second_day import FollowUp
-from qsframework.diagnose.verdict import misfits
+from qsframework.diagnoses.result import Alike, Diagnosis, Errors, LearnedLaw, Leftover, Line, NamedCause, Status
+from qsframework.diagnoses.second_day import FollowUp
+from qsframework.diagnoses.verdict import misfits
 from qsframework.errors import some_of
 from qsframework.hypotheses.search.cross_validation import FOLDS
 from qsframework.plugin import Parameter

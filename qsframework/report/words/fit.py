@@ -9,8 +9,8 @@ import numpy as np
 
 from qsframework.errors import some_of
 from qsframework.experiment.readings import Alignment
-from qsframework.identify import EstimateState, Fit
-from qsframework.identify.record import SIGNIFICANT
+from qsframework.fits import EstimateState, Fit
+from qsframework.fits.record import SIGNIFICANT
 from qsframework.information import what_would_help
 from qsframework.plugin import Poses
 from qsframework.report.blocks import Mark, Verdict

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from qsframework.diagnose.explanations import Suspect
-from qsframework.diagnose.mounts import GAUGE, Mount
-from qsframework.diagnose.second_day import FollowUp
+from qsframework.diagnoses.explanations import Suspect
+from qsframework.diagnoses.mounts import GAUGE, Mount
+from qsframework.diagnoses.second_day import FollowUp
 from qsframework.experiment.setup import WORLD
 from qsframework.hypotheses.catalogue.causes import Cause
 from qsframework.report.words.law import place_words, variable_words

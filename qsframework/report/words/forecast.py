@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from qsframework.diagnose.foresight import DetectableSize, Foresight, Outlook, PowerCurve, Prospect, Why
-from qsframework.diagnose.unknown import SIZE, PlaceOutlook, UnknownOutlook
+from qsframework.diagnoses.foresight import DetectableSize, Foresight, Outlook, PowerCurve, Prospect, Why
+from qsframework.diagnoses.unknown import SIZE, PlaceOutlook, UnknownOutlook
 from qsframework.errors import listed
 from qsframework.hypotheses.catalogue.causes import REACH
 from qsframework.report.blocks import Mark, Verdict

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from qsframework.diagnose.result import Diagnosis, NamedCause
-from qsframework.diagnose.verdict import MANY, misfits
+from qsframework.diagnoses.result import Diagnosis, NamedCause
+from qsframework.diagnoses.verdict import MANY, misfits
 from qsframework.errors import listed, some_of
 from qsframework.report.blocks import Mark, Verdict
 from qsframework.report.words.law import moving_words

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from qsframework.diagnose.residuals.noise_components import LEVEL
-from qsframework.diagnose.result import Diagnosis, Status
-from qsframework.diagnose.second_day import FollowUp
-from qsframework.diagnose.verdict import misfits
+from qsframework.diagnoses.residuals.noise_components import LEVEL
+from qsframework.diagnoses.result import Diagnosis, Status
+from qsframework.diagnoses.second_day import FollowUp
+from qsframework.diagnoses.verdict import misfits
 from qsframework.errors import listed
 from qsframework.hypotheses.catalogue.law import Law
 from qsframework.report.words.follow_up import WORTH, mount_words, percent

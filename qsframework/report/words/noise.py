@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from qsframework.diagnose.residuals.lack_of_fit import LackOfFit, Trend
-from qsframework.diagnose.residuals.noise_components import LEVEL, NoiseAudit
+from qsframework.diagnoses.residuals.lack_of_fit import LackOfFit, Trend
+from qsframework.diagnoses.residuals.noise_components import LEVEL, NoiseAudit
 from qsframework.estimation.axis_noise import axis_words
 
 SOURCE = {

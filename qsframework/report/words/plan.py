@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from qsframework.design.need import Needed
 from qsframework.experiment import Experiment, Plan
 from qsframework.experiment.plan import PlanCertificate
 from qsframework.information.sensitivities import identified_by
+from qsframework.plans.need import Needed
 from qsframework.plugin import Array
 from qsframework.report.blocks import Mark, Verdict
 

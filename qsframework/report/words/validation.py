@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from qsframework.estimation import rms
-from qsframework.identify.validate import Validation
+from qsframework.fits.validate import Validation
 from qsframework.report.blocks import Mark, Verdict
 from qsframework.report.words.sizes import mm
 
