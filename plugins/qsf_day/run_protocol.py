@@ -25,7 +25,7 @@ def _states(protocol: Protocol) -> str:
 def run_protocol(file: Path, plan_file: Path, sheet: Path, readings: Path, options: ProtocolOptions) -> None:
     """Write the sheet and the files to fill in."""
     from qsf_day.sheet import Commands, SheetFiles, turning_words, write_sheet
-    from qsframework.viz.sketch import sketches
+    from qsf_day.sketch import sketches
 
     floor = floor_file(readings) if readings.name else readings
     distinct_outputs([sheet, readings, floor], [file, plan_file, beside(plan_file, ".json")])

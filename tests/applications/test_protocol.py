@@ -22,6 +22,7 @@ from qsf_day.protocol import (
     write_reading_file,
 )
 from qsf_day.sheet import Commands, SheetFiles, write_sheet
+from qsf_day.sketch import hull, sketches
 from qsframework.cli.app import app
 from qsframework.elastostatics import Site
 from qsframework.errors import InputError
@@ -43,7 +44,6 @@ from qsframework.plugin import Array, Poses
 from qsframework.robot import load_robot
 from qsframework.screening.closure import ClosureCheck, check_states
 from qsframework.uses.inverse import rigid_tip
-from qsframework.viz.sketch import hull, sketches
 from tests.headless import browser, open_page
 
 PULL = np.array([0.0, 1500.0, -4000.0, 0.0, 0.0, 0.0])
