@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 import sys
+import textwrap
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -41,7 +42,7 @@ def _line(name: str, folder: Path) -> str:
     shown, path = (f"{name}/", package) if package.is_file() else (name, folder / f"{name}.py")
     words = " ".join((ast.get_docstring(tree(path)) or "").split())
     sentence = re.split(r"(?<=\.)\s", words)[0].rstrip(".")
-    return f"{shown:{WIDTH}} {sentence}\n"
+    return textwrap.fill(f"{shown:{WIDTH}} {sentence}", 120, subsequent_indent=" " * (WIDTH + 1)) + "\n"
 
 
 def _arrows() -> list[tuple[str, str]]:

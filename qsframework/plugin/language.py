@@ -15,9 +15,9 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import ClassVar
 
-from qsframework.errors import InputError, Problem, refuse
+from qsframework.errors import InputError, PluginError, Problem, refuse
 from qsframework.files.documents import read_bytes
-from qsframework.installed import LANGUAGES, entries, lacking, load
+from qsframework.installed import LANGUAGES, entries, label, lacking, load
 from qsframework.plugin.check import Report, cuts
 from qsframework.plugin.poses import Orientation
 from qsframework.plugin.programme import Programme
@@ -65,8 +65,18 @@ class Language(ABC):
 
 @cache
 def languages() -> Mapping[str, Language]:
-    """The installed languages by name. Raises PluginError if two packages claim one name."""
-    return MappingProxyType({name: load(entry)() for name, entry in entries(LANGUAGES).items()})
+    """The installed languages by name. Raises PluginError if two packages claim one name, one ending or one form."""
+    found: dict[str, Language] = {}
+    claimed: dict[str, str] = {}
+    for name, entry in entries(LANGUAGES).items():
+        kind = load(entry)
+        if not (isinstance(kind, type) and issubclass(kind, Language)):
+            raise PluginError(f"{label(entry)} is not a subclass of Language")
+        for claim in {*kind.endings, kind.form} - {""}:
+            if (other := claimed.setdefault(claim, name)) != name:
+                raise PluginError(f"{label(entry)} claims {claim!r}, which is of the language {other!r}")
+        found[name] = kind()
+    return MappingProxyType(found)
 
 
 def endings() -> dict[str, str]:

@@ -14,10 +14,11 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
-from qsframework.errors import InputError, Problem
-from qsframework.installed import READERS, entries, load
+from qsframework.errors import InputError, PluginError, Problem, QsfError
+from qsframework.installed import READERS, entries, label, load
 from qsframework.plugin.check import Report, cuts
 
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
@@ -79,10 +80,22 @@ def read_points(file: MeasuredFile) -> PointTable | None:
 
     Raises:
         InputError: of a file that its reader knows and cannot read, with the line.
-        PluginError: of a reader that cannot be imported.
+        PluginError: of a reader that cannot be imported, that fails, or that gives something else.
     """
-    found = (load(entry)(file) for entry in entries(READERS).values())
+    found = (_read(entry, file) for entry in entries(READERS).values())
     return next((table for table in found if table is not None), None)
+
+
+def _read(entry: EntryPoint, file: MeasuredFile) -> PointTable | None:
+    try:
+        table = load(entry)(file)
+    except QsfError:
+        raise
+    except Exception as error:  # whatever a stranger's reader does
+        raise PluginError(f"{label(entry)} fails on {file.path}: {type(error).__name__}: {error}") from error
+    if not (table is None or isinstance(table, PointTable)):
+        raise PluginError(f"{label(entry)} gives {type(table).__name__} of {file.path}, allowed: PointTable or None")
+    return table
 
 
 def check_reader(reader: Reader, example: Path) -> Report:

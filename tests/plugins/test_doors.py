@@ -18,7 +18,7 @@ from qsframework import installed
 from qsframework.cli import check_command
 from qsframework.cli.app import every_command
 from qsframework.errors import PluginError
-from qsframework.plugin import check_language, check_reader, languages
+from qsframework.plugin import MeasuredFile, check_language, check_reader, languages, read_points
 from qsframework.plugin.language import endings
 
 FOLDER = Path(__file__).parents[1] / "third_party_formats"
@@ -235,6 +235,37 @@ def test_one_that_fails_on_import_is_named_with_its_file(
     stated(readers=[("broken", "broken_reader:read")])
     with pytest.raises(PluginError, match=r"reader 'broken' .*cannot be imported \(.*broken_reader.py, line 2\)"):
         installed.load(installed.entries(installed.READERS)["broken"])
+
+
+def test_a_reader_that_fails_is_named(stated: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is asked of every file: whose fault it is must be said."""
+    (tmp_path / "bad_readers.py").write_text(
+        "def fails(file):\n    return 1 / 0\n\n\ndef other(file):\n    return [1]\n\n\nclass Krl:\n    pass\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    for name, words in (("fails", "fails on a.csv: ZeroDivisionError"), ("other", "gives list of a.csv")):
+        stated(readers=[("aa", f"bad_readers:{name}")])
+        with pytest.raises(PluginError, match=rf"reader 'aa' \(bad_readers:{name}\) {words}"):
+            read_points(MeasuredFile(Path("a.csv"), b"x,y\n"))
+
+
+@pytest.mark.parametrize(
+    ("place", "words"),
+    [("bad_language:Other", "is not a subclass of Language"), ("bad_language:Twin", "claims '.acme', which is of the")],
+)
+def test_a_language_that_is_none_or_another_is_named(
+    place: str, words: str, stated: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "bad_language.py").write_text(
+        "from acme_script import Acme\n\n\nclass Other:\n    pass\n\n\nclass Twin(Acme):\n    form = ''\n"
+    )
+    monkeypatch.syspath_prepend(FOLDER)
+    monkeypatch.syspath_prepend(tmp_path)
+    stated(languages=[("acme", "acme_script:Acme"), ("zz", place)])
+    languages.cache_clear()
+    with pytest.raises(PluginError, match=words):
+        languages()
+    languages.cache_clear()
 
 
 HIDDEN = """
