@@ -338,7 +338,7 @@ def run(place: Path, words: tuple[str, ...]) -> tuple[int | str, str, str]:
         with warnings.catch_warnings(), redirect_stdout(out), redirect_stderr(err):
             warnings.simplefilter("error")
             warnings.filterwarnings("ignore", category=ResourceWarning)
-            typer.main.get_command = lambda _: own  # type: ignore[assignment]
+            typer.main.get_command = lambda asked: own if asked is app else made(asked)  # type: ignore[assignment]
             main()
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else 0 if end.code is None else 1
