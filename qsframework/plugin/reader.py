@@ -32,33 +32,36 @@ class MeasuredFile:
     path: Path
     content: bytes
 
-    @cached_property
+    @property
     def encoding(self) -> str:
-        """utf-16, utf-8 or cp1252; "" where the file is no text."""
-        tried = ("utf-16",) if self.content[:2] in _UTF16 else ("utf-8-sig", "cp1252")
-        return next((name for name in tried if self._decoded(name) is not None), "")
+        """utf-16, utf-8-sig or cp1252; "" where the file is in none of them."""
+        return self._decoded[0]
 
     @cached_property
     def text(self) -> str:
         """What the file says, "" where it is no text: of no known encoding, or with control characters."""
-        text = self._decoded(self.encoding) if self.encoding else None
-        return "" if text is None or _CONTROL.search(text) else text
+        _, text = self._decoded
+        return "" if _CONTROL.search(text) else text
 
     def check_text(self) -> None:
         """InputError where the file is no text, with the line of what none holds."""
         if not self.encoding:
             hint = "Export it as CSV in UTF-8, or as an Excel workbook."
             raise InputError(Problem("is no text that can be read", str(self.path), hint=hint))
-        text = self._decoded(self.encoding) or ""
+        _, text = self._decoded
         if control := _CONTROL.search(text):
             line = text.count("\n", 0, control.start()) + 1
             raise InputError(Problem("is no text table: it holds a control character", str(self.path), line))
 
-    def _decoded(self, encoding: str) -> str | None:
-        try:
-            return self.content.decode(encoding)
-        except UnicodeDecodeError:
-            return None
+    @cached_property
+    def _decoded(self) -> tuple[str, str]:
+        """The encoding and the text, with its control characters."""
+        for encoding in ("utf-16",) if self.content[:2] in _UTF16 else ("utf-8-sig", "cp1252"):
+            try:
+                return encoding, self.content.decode(encoding)
+            except UnicodeDecodeError:
+                continue
+        return "", ""
 
 
 @dataclass(frozen=True)

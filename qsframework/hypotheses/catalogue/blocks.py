@@ -10,10 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from qsframework.elastostatics.so3 import cross_matrix
 from qsframework.estimation import left, orthonormal
 from qsframework.experiment import Readings
-from qsframework.experiment.frames import procrustes
+from qsframework.experiment.frames import motion_rows, procrustes
 from qsframework.hypotheses.catalogue.edits import (
     SIGN,
     VALUES,
@@ -138,8 +137,7 @@ def _framed(standing: Standing, start: Edit) -> float | None:
     foretold = measured - error
     frame = procrustes(measured, foretold)
     rest = (measured @ frame.rotation.T + frame.origin - foretold) / size
-    columns = np.concatenate([np.tile(np.eye(3), (len(measured), 1, 1)), -cross_matrix(foretold)], axis=2)
-    columns = whitened @ (columns / size[..., None]).reshape(-1, 6)
+    columns = whitened @ (motion_rows(foretold) / size.reshape(-1, 1))
     square = float(np.sum(left(orthonormal(columns), whitened @ rest.ravel()) ** 2))
     return square if square <= standing.usual(error.size) else None
 
