@@ -8,21 +8,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 
-from qsframework.elastostatics.displacements import displacement, evaluate, sensitivities
+from qsframework.elastostatics.frozen import Frozen, frozen
 from qsframework.elastostatics.layout import make_layout
-from qsframework.elastostatics.positions import evaluate_state
-from qsframework.elastostatics.settled import one_state, two_states
+from qsframework.elastostatics.settled import SettledState, one_state
 from qsframework.elastostatics.state import Site
 from qsframework.elastostatics.structure import Structure, chunks
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.plugin import Array, Effect, Parameter, Poses, RobotFacts, Spring, SpringLaw
-from qsframework.plugin.facts import frozen
+from qsframework.plugin.facts import frozen as unwritable
 from qsframework.plugin.kinds import At
 from qsframework.plugin.loops import follow, with_branches
 from qsframework.plugin.settings import twice_hint
+
+_DIFFERENCE = (True, False)
+"""The loaded state less the unloaded one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,47 +42,17 @@ class Model(Structure):
 
         Raises NotConverged where a pose does not settle.
         """
-        x = self.nominal if x is None else self.checked(x)
-        if linear and self.differs(x):
-            return self.positions(poses, x, True, linear) - self.positions(poses, x, False, linear)
-        out = np.empty((len(poses), len(self.markers), 3))
-        for part, chunk in chunks(poses):
-            if linear:
-                out[part] = displacement(evaluate(self, chunk, x))
-            else:
-                before, after = two_states(self, chunk, x)
-                out[part] = after.reading - before.reading
-        return out
+        return self._read(poses, x, _DIFFERENCE, linear, ())[0]
 
     def sensitivity(
         self, poses: Poses, x: Array | None = None, names: Sequence[str] | None = None, linear: bool = False
     ) -> Array:
         """d readings / d parameters (N, K, 3, p): the observation matrix, equation (4)."""
-        x = self.nominal if x is None else self.checked(x)
-        return self.rates(poses, x, self.names if names is None else names, linear)[1]
+        return self._read(poses, x, _DIFFERENCE, linear, names)[1]
 
     def rates(self, poses: Poses, x: Array, names: Sequence[str], linear: bool = False) -> tuple[Array, Array]:
         """`predict` and `sensitivity` together, cheaper than one after the other."""
-        x, wanted = self.checked(x), self.index(names)
-        if linear and self.differs(x):
-            (ends, after), (starts, before) = (self.position_rates(poses, x, names, on, linear) for on in (True, False))
-            return ends - starts, after - before
-        value = np.empty((len(poses), len(self.markers), 3))
-        slope = np.empty((*value.shape, len(wanted)))
-        for part, chunk in chunks(poses):
-            if linear:
-                ev = evaluate(self, chunk, x)
-                value[part], slope[part] = displacement(ev), sensitivities(ev, wanted)
-            else:
-                first, second = two_states(self, chunk, x)
-                value[part] = second.reading - first.reading
-                slope[part] = second.tangents(wanted) - first.tangents(wanted)
-        own = [row for row, position in enumerate(wanted) if position in self.by_state] if linear else []
-        if own:  # they do not move both states alike
-            some = [names[row] for row in own]
-            loaded, unloaded = (self.position_sensitivity(poses, x, some, on, linear) for on in (True, False))
-            slope[..., own] = loaded - unloaded
-        return value, slope
+        return self._read(poses, x, _DIFFERENCE, linear, names)
 
     def positions(self, poses: Poses, x: Array | None = None, loaded: bool = False, linear: bool = False) -> Array:
         """Position readings (N, K, 3) m of K markers in one state, base frame.
@@ -88,11 +61,7 @@ class Model(Structure):
         wrench. The state's own time, temperature and approach count: `poses.unloaded` or `poses.loaded`. Raises
         NotConverged where a pose does not settle.
         """
-        x = self.nominal if x is None else self.checked(x)
-        state, out = evaluate_state if linear else one_state, np.empty((len(poses), len(self.markers), 3))
-        for part, chunk in chunks(poses):
-            out[part] = state(self, chunk, x, loaded).reading
-        return out
+        return self._read(poses, x, (loaded,), linear, ())[0]
 
     def position_sensitivity(
         self,
@@ -103,20 +72,41 @@ class Model(Structure):
         linear: bool = False,
     ) -> Array:
         """d position readings / d parameters (N, K, 3, p) of one state."""
-        x = self.nominal if x is None else x
-        return self.position_rates(poses, x, self.names if names is None else names, loaded, linear)[1]
+        return self._read(poses, x, (loaded,), linear, names)[1]
 
     def position_rates(
         self, poses: Poses, x: Array, names: Sequence[str], loaded: bool = False, linear: bool = False
     ) -> tuple[Array, Array]:
         """`positions` and `position_sensitivity` of one state together, cheaper than one after the other."""
-        x, wanted = self.checked(x), self.index(names)
+        return self._read(poses, x, (loaded,), linear, names)
+
+    def _read(
+        self, poses: Poses, x: Array | None, states: tuple[bool, ...], linear: bool, names: Sequence[str] | None
+    ) -> tuple[Array, Array]:
+        """The reading (N, K, 3) of a state, or of the first less the second, and its derivatives (N, K, 3, p) by some
+        parameters, by all where names are None."""
+        x = self.nominal if x is None else self.checked(x)
+        wanted = self.index(self.names if names is None else names)
         value = np.empty((len(poses), len(self.markers), 3))
         slope = np.empty((*value.shape, len(wanted)))
         for part, chunk in chunks(poses):
-            state = (evaluate_state if linear else one_state)(self, chunk, x, loaded)
-            value[part], slope[part] = state.reading, state.tangents(wanted)
+            batches = self._batches(chunk, x, states, linear, wanted)
+            value[part] = reduce(np.subtract, (batch.reading for batch in batches))
+            if wanted:
+                slope[part] = reduce(np.subtract, (batch.tangents(wanted) for batch in batches))
         return value, slope
+
+    def _batches(
+        self, poses: Poses, x: Array, states: tuple[bool, ...], linear: bool, wanted: Sequence[int]
+    ) -> Sequence[Frozen | SettledState]:
+        """What is read of a batch: each state by itself, or both at once where the arm is alike in both but for its
+        load and nothing settles."""
+        if linear and not self.differs(x) and set(self.by_state).isdisjoint(wanted):
+            return [frozen(self, poses, x, states)]
+        if linear:
+            return [frozen(self, poses, x, (loaded,)) for loaded in states]
+        last = one_state(self, poses, x, states[-1])
+        return [one_state(self, poses, x, loaded, last) for loaded in states[:-1]] + [last]
 
     def transmission_margin(self, poses: Poses) -> Array:
         """Smallest margin (N,) rad over all loops: transmission angle less what the loop asks for."""
@@ -159,7 +149,7 @@ def make_model(
         tip=tip,
         markers=tuple(site for _, site in markers),
         marker_names=tuple(name for name, _ in markers),
-        gravity=frozen(gravity),
+        gravity=unwritable(gravity),
         law_rows=tuple(_law_rows(e, facts, ordered) for e in ordered if isinstance(e, SpringLaw)),
         compliance_rows=tuple(
             part.start + i

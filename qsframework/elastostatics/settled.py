@@ -15,7 +15,7 @@ from qsframework.elastostatics.equilibrium import Settled, settle, stiffness_lef
 from qsframework.elastostatics.evaluation import CommandedStiffness, PlacedArm, gather
 from qsframework.elastostatics.sensors import Sensed, sense
 from qsframework.elastostatics.structure import Structure
-from qsframework.elastostatics.tangents import tangents
+from qsframework.elastostatics.tangents import ReadState, tangents
 from qsframework.plugin import Array, ParallelSpring, Poses, Sensor, laws
 
 
@@ -68,19 +68,18 @@ class SettledState:
         eps.
         """
         ev = _placed(self)
-        return tangents(ev, wanted, ev.sense(None), _response(self.settled), self.loaded)
+        return tangents(ev, wanted, [ReadState(self.loaded, _response(self.settled), ev.sense(None))])
 
 
-def one_state(model: Structure, poses: Poses, x: Array, loaded: bool) -> SettledState:
-    """A state of up to CHUNK poses. Raises NotConverged where a pose does not settle."""
-    return SettledState(model, poses, x, loaded, settle(model, poses, x, loaded))
+def one_state(
+    model: Structure, poses: Poses, x: Array, loaded: bool, start: SettledState | None = None
+) -> SettledState:
+    """A state of up to CHUNK poses, from where the other has settled if the arm is the same in both.
 
-
-def two_states(model: Structure, poses: Poses, x: Array) -> tuple[SettledState, SettledState]:
-    """The unloaded and the loaded state, each under its own conditions: what warms up between them moves the arm."""
-    before = one_state(model, poses, x, False)
-    start = None if model.differs(x) else before.settled
-    return before, SettledState(model, poses, x, True, settle(model, poses, x, True, start=start))
+    Raises NotConverged where a pose does not settle.
+    """
+    from_there = None if start is None or model.differs(x) else start.settled
+    return SettledState(model, poses, x, loaded, settle(model, poses, x, loaded, from_there))
 
 
 def _response(settled: Settled) -> springs.Response:

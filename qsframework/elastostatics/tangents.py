@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 
@@ -38,6 +39,16 @@ class Change:
     law: tuple[int, int] | None = None
     sensor: tuple[int, int] | None = None
     markers: tuple[PlacedSiteRate, ...] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ReadState:
+    """A state that is read of a placed arm. response: None of the pose that nothing deflects; sensed: None without
+    sensors."""
+
+    loaded: bool
+    response: springs.Response | None
+    sensed: Sensed | None
 
 
 def changes(ev: PlacedArm, wanted: Sequence[int]) -> Iterator[tuple[int, Change]]:
@@ -89,20 +100,23 @@ def carry(columns: Sequence[PlacedSite | PlacedSiteRate], eps: Array, turn: bool
     return np.stack([np.einsum("ecn,en->cn", c.angular if turn else c.linear, eps) for c in columns])
 
 
-def reading_along(
-    ev: PlacedArm, sensed: Sensed | None, response: springs.Response | None, change: Change, loaded: bool
-) -> Array:
-    """d reading (K, 3, N) of one state; a response of None is the pose that nothing deflects."""
+def reading_along(ev: PlacedArm, state: ReadState, change: Change) -> Array:
+    """d reading (K, 3, N) of one state."""
+    sensed, response = state.sensed, state.response
     if change.sensor is not None:
         assert sensed is not None
         return sensed.by_parameters[change.sensor[0]][..., change.sensor[1]].transpose(1, 2, 0)
+    if sensed is None and response is not None and change.spring is not None:
+        own = list(change.spring)
+        if not set(own) & set(response.stiffness.active):  # it gives by itself
+            return np.stack([np.einsum("ekn,en->kn", m.linear[own], response.T[own]) for m in ev.state.markers])
     shift = np.zeros((len(ev.state.markers), *ev.state.tip.position.shape))
     turns = sensed is not None and sensed.turns
     if sensed is not None:
         shift = np.zeros_like(sensed.position)  # its layout in memory too, which einsum's rounding follows
     spin, carried = np.zeros_like(shift), None
     if response is not None:
-        rate = answer(ev, response, change, loaded)
+        rate = answer(ev, response, change, state.loaded)
         shift += carry(ev.state.markers, rate)
         if turns:
             spin += carry(ev.state.markers, rate, turn=True)
@@ -122,14 +136,17 @@ def reading_along(
     return total + np.einsum("nkij,nkj->kin", sensed.by_rotation, turn)
 
 
-def tangents(
-    ev: PlacedArm, wanted: Sequence[int], sensed: Sensed | None, response: springs.Response, loaded: bool
-) -> Array:
-    """d reading / d parameter (N, K, 3, P) of one state for the wanted positions in x."""
+def tangents(ev: PlacedArm, wanted: Sequence[int], states: Sequence[ReadState]) -> Array:
+    """d reading / d parameter (N, K, 3, P) of a state, or of the first less the second, for the wanted positions in
+    x."""
+
+    def elements() -> Array:
+        return reduce(np.subtract, (element_readings(ev, s.sensed, s.response, s.loaded) for s in states))
+
     out = np.empty((len(wanted), len(ev.state.markers), 3, len(ev.poses)))
-    others = geometry_tangents(ev, wanted, lambda: element_readings(ev, sensed, response, loaded), out)
+    others = geometry_tangents(ev, wanted, elements, out)
     for row, change in changes(ev, [wanted[i] for i in others]):
-        out[others[row]] = reading_along(ev, sensed, response, change, loaded)
+        out[others[row]] = reduce(np.subtract, (reading_along(ev, s, change) for s in states))
     return out.transpose(3, 1, 2, 0)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from test_chain_rule import MODELS
 
-from qsframework.elastostatics import Model, direct, displacements, tangents
+from qsframework.elastostatics import Model, direct, tangents
 from qsframework.experiment import load_experiment
 from qsframework.plugin import Poses
 
@@ -60,7 +60,6 @@ def both_ways(monkeypatch: pytest.MonkeyPatch, ask: Callable[[], np.ndarray]) ->
         return known(*given)
 
     monkeypatch.setattr(tangents, "element_readings", seen)
-    monkeypatch.setattr(displacements, "element_readings", seen)
     fast = ask()
     assert asked
     asked.clear()
