@@ -26,7 +26,8 @@ _SILENT = 25
 _STILL = 1e-9
 """Relative change of the variables below which a step is rounding: linear steps after it give the digits it leaves."""
 _LAST = 2
-"""Linear steps after that, for the digits that a trust region leaves: each squares what is missing."""
+"""Linear steps after that, for the digits that a trust region leaves: each squares what is missing. The model is not
+asked again after the last."""
 _STUCK = 1e-2
 """Share of the residuals that a step must promise for the end of a descent to be none: a hundredth of what is there."""
 _CURVED = 0.02
@@ -284,7 +285,11 @@ def _descend(problem: _Problem, z: Array, tolerance: float) -> _Minimum:
     def whole(at: bytes) -> Array:
         return problem.whole(np.frombuffer(at))
 
-    r, silent = problem.residuals(z), count()
+    @lru_cache(maxsize=1)
+    def whitened(at: bytes) -> Array:
+        return problem.residuals(np.frombuffer(at))
+
+    r, silent = whitened(z.tobytes()), count()
     if not np.all(np.isfinite(r)):
         raise NotConverged("the model has no finite prediction at the start of the fit: check the nominal values")
     R, step = _linear_step(problem, z, r, whole(z.tobytes()))
@@ -296,7 +301,7 @@ def _descend(problem: _Problem, z: Array, tolerance: float) -> _Minimum:
 
     def residuals(at: Array) -> Array:
         """Predicted minus measured, priors below."""
-        r = problem.residuals(at)
+        r = whitened(at.tobytes())
         if not np.all(np.isfinite(r)) and next(silent) >= _SILENT:
             raise _NoAnswer(f"the model has no answer where the fit leads: {_farthest(problem, at)}")
         return -np.concatenate([r, problem.prior(at)[0]])
@@ -318,14 +323,15 @@ def _descend(problem: _Problem, z: Array, tolerance: float) -> _Minimum:
     )
     if not found.success or np.any(np.abs(found.x) > FAR * np.maximum(reduction.spread, 1.0)):
         raise NotConverged(f"the fit did not settle in {found.nfev} steps: {_farthest(problem, found.x)}")
-    return _ended(problem, found.x, problem.residuals(found.x), whole, found.nfev)
+    return _ended(problem, found.x, -found.fun[: len(r)], whole, found.nfev)
 
 
 def _ended(problem: _Problem, z: Array, r: Array, whole: Callable[[bytes], Array], steps: int) -> _Minimum:
     """The minimum that linear steps from z, near it, end at."""
     reduction = problem.reduction
-    for _ in range(_LAST):
-        R, step = _linear_step(problem, z, r, whole(z.tobytes()))
+    for left in reversed(range(_LAST)):
+        J = whole(z.tobytes())
+        R, step = _linear_step(problem, z, r, J)
         gain = float(np.linalg.norm(R[:, :-1] @ step))
         if gain > _STUCK * np.linalg.norm(R[:, -1]) and gain**2 > problem.digits():
             raise NotConverged(
@@ -333,9 +339,14 @@ def _ended(problem: _Problem, z: Array, r: Array, whole: Callable[[bytes], Array
                 "Look at the units of readings and loads, start nearer, or fix a parameter"
             )
         last = np.clip(z + step, reduction.lower, reduction.upper)
+        if left == 0 or gain <= problem.digits():  # so near that the residuals follow it linearly
+            break
         there = problem.residuals(last)
-        z, r = (last, there) if np.all(np.isfinite(there)) else (z, r)
-    return _Minimum(problem.cost(z, r), z, r, whole(z.tobytes()), steps)
+        if not np.all(np.isfinite(there)):
+            return _Minimum(problem.cost(z, r), z, r, J, steps)
+        z, r = last, there
+    r = r - J @ (reduction.T @ (last - z))
+    return _Minimum(problem.cost(last, r), last, r, J, steps)
 
 
 def _linear_step(problem: _Problem, z: Array, r: Array, whole: Array) -> tuple[Array, Array]:

@@ -106,7 +106,7 @@ class Linearized:
         free = V.T @ (z / values)
         rest = target - U @ (values * (V @ _within(values[:, None] * V, z, free, low, high)))
         dof = len(target) - len(values) - frames.shape[1]
-        C = (V.T / values**2) @ V * (target @ target - z @ z) / dof
+        C = (V.T / values**2) @ V * np.square(left(U, target)).sum() / dof
         sd = np.sqrt(np.diag(C))
         return Estimates(
             x=start + free,
