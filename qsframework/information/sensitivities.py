@@ -111,7 +111,9 @@ def predicted_beyond(experiment: Experiment, plan: Plan) -> dict[str, float]:
     too; inf where they tell nothing of it."""
     model, fitted = experiment.model(), experiment.fit_names()
     others = [name for name in model.names if name not in fitted]
-    after = np.array([predicted_sd(experiment, plan, (*fitted, name))[-1] for name in others])
+    columns, first = plan_columns(experiment, plan, (*fitted, *others)), [*range(len(fitted))]
+    each = [sd_after(model, columns[:, [*first, len(first) + k]], (*fitted, n))[-1] for k, n in enumerate(others)]
+    after = np.array(each)
     before = priors_of(model).sd[model.index(others)]
     share = np.divide(after, before, out=np.zeros(len(others)), where=np.isfinite(before))
     told = np.maximum(1.0 - share**2, 0.0)
