@@ -82,7 +82,7 @@ def check_files(files: Sequence[Path], json: Path | None, report: Path | None = 
     for one in checked:
         print_folded(f"{one.file}: {one.said()}")
         if one.experiment is not None:
-            from qsframework.report.prior_table import prior_table
+            from qsframework.report.check_section import prior_table
 
             table = prior_table(one.experiment, one.readings)
             print()
@@ -157,8 +157,7 @@ _MARK = {True: " ", False: "!", None: "?"}
 def _report(checked: Sequence[Checked], report: Path) -> None:
     from qsframework.report import write_report
     from qsframework.report.blocks import Section
-    from qsframework.report.check_section import found_section, readings_section
-    from qsframework.report.prior_table import prior_table
+    from qsframework.report.check_section import found_section, prior_table, readings_section
     from qsframework.report.provenance import robots_computed
     from qsframework.report.robot_section import robot_section
 

@@ -328,9 +328,9 @@ def _descend(problem: _Problem, z: Array, tolerance: float) -> _Minimum:
 
 def _ended(problem: _Problem, z: Array, r: Array, whole: Callable[[bytes], Array], steps: int) -> _Minimum:
     """The minimum that linear steps from z, near it, end at."""
-    reduction = problem.reduction
-    for left in reversed(range(_LAST)):
-        J = whole(z.tobytes())
+    reduction, left = problem.reduction, _LAST
+    while True:
+        J, left = whole(z.tobytes()), left - 1
         R, step = _linear_step(problem, z, r, J)
         gain = float(np.linalg.norm(R[:, :-1] @ step))
         if gain > _STUCK * np.linalg.norm(R[:, -1]) and gain**2 > problem.digits():
@@ -340,13 +340,12 @@ def _ended(problem: _Problem, z: Array, r: Array, whole: Callable[[bytes], Array
             )
         last = np.clip(z + step, reduction.lower, reduction.upper)
         if left == 0 or gain <= problem.digits():  # so near that the residuals follow it linearly
-            break
+            r = r - J @ (reduction.T @ (last - z))
+            return _Minimum(problem.cost(last, r), last, r, J, steps)
         there = problem.residuals(last)
         if not np.all(np.isfinite(there)):
             return _Minimum(problem.cost(z, r), z, r, J, steps)
         z, r = last, there
-    r = r - J @ (reduction.T @ (last - z))
-    return _Minimum(problem.cost(last, r), last, r, J, steps)
 
 
 def _linear_step(problem: _Problem, z: Array, r: Array, whole: Array) -> tuple[Array, Array]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from contextlib import closing
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import islice, product
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +21,7 @@ from qsframework.plans.constraints import (
     joint_range,
     reference_point,
 )
+from qsframework.plans.sobol import sobol_blocks
 from qsframework.plans.symmetry import canonical, fold
 from qsframework.plugin import Array, Indices, Poses
 from qsframework.work import HERE, Work, run
@@ -87,12 +88,10 @@ def generate_candidates(
     Poses that the wrist's flip makes equal are folded into one. InputError, naming what each constraint
     removed, if the experiment allows too few.
     """
-    from scipy.stats import qmc
-
     lower, upper = joint_range(experiment)
     most = max(_LEAST_TRIED, 100 * count // _BLOCK)
-    sequence = qmc.Sobol(len(lower), scramble=True, rng=np.random.default_rng(seed))
-    points = (snapped(experiment, lower + (upper - lower) * sequence.random(_BLOCK)) for _ in range(most))
+    blocks = islice(sobol_blocks(len(lower), _BLOCK, seed), most)
+    points = (snapped(experiment, lower + (upper - lower) * block) for block in blocks)
     result = _collect(experiment, points, count, progress, folds(experiment), work)
     if len(result) < count:
         raise InputError(f"the experiment allows too few poses for {count} candidates: {result.words()}")

@@ -1,17 +1,20 @@
-"""What `qsf check` found, and the readings by row."""
+"""What `qsf check` found, what is known of the parameters before the readings, and the readings by row."""
 
 from __future__ import annotations
 
 import html
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
 
 from qsframework.experiment import Experiment, Readings
+from qsframework.experiment.prior import families, priors_of
 from qsframework.plugin import Array
 from qsframework.report.blocks import Figure, Plot, ReportTable, Section
 from qsframework.report.numbers import row_table
 from qsframework.report.plots import blank
+from qsframework.report.words.sizes import people_size
 
 _STATE = {True: "as it should be", False: "look at it", None: "not measured"}
 Found = tuple[str, str, Sequence[tuple[bool | None, str, str]]]
@@ -33,6 +36,23 @@ def found_section(files: Sequence[Found]) -> Section:
                 "Rows that say 'look at it' deserve a look at the file or the machine before any fit.",
             ),
         ),
+    )
+
+
+def prior_table(experiment: Experiment, readings: Readings | None = None) -> ReportTable:
+    """The families that are to be estimated with these readings: how many there are, the sd of each (1 sigma) and where
+    it is from."""
+    model, names = experiment.model(), experiment.fit_names()
+    known, kinds = priors_of(model, readings), families(model, names)
+    rows = Counter[tuple[str, str, str]]()
+    for name, i in zip(names, model.index(names), strict=True):
+        told = np.isfinite(known.sd[i])
+        sd = people_size(model.parameters[i], float(known.sd[i]), stiffness=False) if told else "-"
+        rows[kinds[name][0], sd, known.source[i]] += 1
+    return ReportTable(
+        ("known before", "parameters", "sd", "from"),
+        tuple((effect, str(count), sd, source) for (effect, sd, source), count in rows.items()),
+        "One standard deviation of the values in the files; a maker's +- limit is two of it.",
     )
 
 

@@ -18,6 +18,7 @@ class _LeastSquares:
     """What least_squares returns."""
 
     x: _Array
+    fun: _Array
     nfev: int
     success: bool
 
