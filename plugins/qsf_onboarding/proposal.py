@@ -31,6 +31,7 @@ from qsf_onboarding.text import (
     readme_text,
     robot_text,
 )
+from qsf_onboarding.unread import unread_of
 from qsf_onboarding.zeros import zero_notes
 from qsframework.errors import InputError, refuse, some_of
 from qsframework.robot.checks import check_chain, check_structure, check_tree
@@ -105,7 +106,7 @@ def propose(
         *_found(arm, every, moving, guessed, impossible, heavy),
         *unread,
         *_left_out(dropped, lost),
-        *(f"file: {note}" for note in source.notes),
+        *(f"file: {note}" for note in (*source.notes, *unread_of(source, sources))),
     )
     files = {
         f"{name}.urdf": _urdf_text(arm, name, base, bool(guessed)),

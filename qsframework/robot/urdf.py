@@ -14,7 +14,6 @@ from qsframework.errors import InputError, Problem
 from qsframework.plugin import Array
 from qsframework.robot.expand import read_tree
 from qsframework.robot.packages import Sources
-from qsframework.robot.unread import unread
 from qsframework.robot.xml_tree import Node, XmlPlace
 
 MOVING = ("revolute", "continuous", "prismatic", "floating", "planar")
@@ -175,7 +174,6 @@ def read_urdf(path: Path, folder: Path, sources: Sources | None = None) -> Urdf:
         raise InputError(
             Problem(f"holds {len(links)} links", file=str(path), allowed=f"up to {_MOST_LINKS}", hint=hint)
         )
-    notes += unread(root)
     joints = tuple(reader.joint(node) for node in root.all("joint"))
     return Urdf(path, links, joints, tuple(reader.problems), tuple(notes))
 

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from qsframework.errors import some_of
+from qsframework.robot.expand import read_tree
+from qsframework.robot.packages import Sources
+from qsframework.robot.urdf import Urdf
 from qsframework.robot.xml_tree import Node
 
 _PARTS = {
@@ -39,15 +42,14 @@ _MEANINGS = {
 }
 
 
-def unread(root: Node) -> list[str]:
-    """Elements and attributes that are not read, each with the lines where it stands and what to look at.
+def unread_of(urdf: Urdf, sources: Sources) -> list[str]:
+    """Elements and attributes of a file that are not read, each with the lines where it stands and what to look at.
 
-    Args:
-        root: the outermost element, of a URDF or of an expanded xacro.
-
-    Returns:
-        A sentence for each kind of element or attribute, in the order of the file.
+    A sentence for each kind of element or attribute, in the order of the file; of a table none.
     """
+    if all(link.place.line is None for link in urdf.links):
+        return []
+    root = read_tree(urdf.path, urdf.path.parent, sources, [])
     found: dict[tuple[str, str], list[str]] = {}
     for kind, meaning, place in _unread(root):
         found.setdefault((kind, meaning), []).append(place)
