@@ -230,6 +230,23 @@ def test_what_has_no_point_or_is_left_out_is_said(campaign: Campaign) -> None:
     assert "ignored as requested: Floor1" in printed
 
 
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("columns: {x: Ost}\nunits: [mm, furlong]\n", "mapping.yaml, line 2: two units of one kind are stated"),
+        ("units: [mm]\ncolumns:\n  x: Nowhere\n", r"mapping.yaml, line 3: no column is called 'Nowhere' \(.*points"),
+        ("units: [mm]\ncolumns:\n  foo: Ost\n", "mapping.yaml, line 3: no column can be taken as this; found 'foo'"),
+        ("units: [mm]\nnames:\n  WITH: heavy\n", "mapping.yaml, line 3: the word 'WITH' cannot mean this"),
+    ],
+)
+def test_what_is_wrong_in_a_mapping_is_placed(campaign: Campaign, text: str, words: str) -> None:
+    points = campaign.write("points.txt", "name;x;y;z\np01 m1;1;2;3\n")
+    mapping = campaign.write("mapping.yaml", text)
+    plan = str(campaign.folder / "plan.csv")
+    with pytest.raises(AssertionError, match=words):
+        run(campaign, str(points), "-p", plan, "--mapping", str(mapping))
+
+
 def test_a_mapping_is_kept_in_a_file(campaign: Campaign) -> None:
     mapping = campaign.write(
         "mapping.yaml", "columns: {name: Label1, x: Ost, y: Nord, z: Up}\nunits: [mm]\nnames: {WITH: loaded}\n"
