@@ -6,7 +6,6 @@ Whatever the page shows is made from the day's files: it may be closed, opened t
 from __future__ import annotations
 
 import json
-import os
 import re
 import secrets
 import threading
@@ -274,14 +273,13 @@ class DayPage:
 
 def _token(folder: Path) -> str:
     """The word in the page's address, which other users of the machine do not know; kept for the next start."""
-    file = folder / ".page"
-    with suppress(OSError):
-        if not file.exists():
-            with os.fdopen(os.open(file, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600), "w") as new:
-                new.write(secrets.token_hex(8))
-        if _TOKEN.fullmatch(word := file.read_text(encoding="ascii", errors="replace")):
-            return word
-    return secrets.token_hex(8)
+    file, word = folder / ".page", secrets.token_hex(8)
+    with suppress(OSError, QsfError):
+        kept = file.read_text(encoding="ascii", errors="replace") if file.exists() else ""
+        if _TOKEN.fullmatch(kept):
+            return kept
+        write_text(file, word, 0o600)
+    return word
 
 
 async def _body(request: Request) -> bytes | None:

@@ -18,10 +18,11 @@ SUFFIX = ".qsf-part"
 _LONGEST = 100
 
 
-def write_bytes(path: str | Path, content: bytes) -> Path:
+def write_bytes(path: str | Path, content: bytes, mode: int | None = None) -> Path:
     """Write to a temporary file beside the target, then rename: never half a file, whatever ends the process.
 
-    A file that is there keeps its mode. What an earlier process of this machine left when it was killed is removed.
+    A file that is there keeps its mode; mode: that of a new one, where it is for its owner alone. What an earlier
+    process of this machine left when it was killed is removed.
     """
     path = Path(path)
     if path.exists() and not path.is_file():
@@ -30,7 +31,7 @@ def write_bytes(path: str | Path, content: bytes) -> Path:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         remove_stale(path)
-        _fill(temporary, content, path.stat().st_mode if path.exists() else None)
+        _fill(temporary, content, path.stat().st_mode if path.exists() else mode)
         os.replace(temporary, path)
         sync_folder(path.parent)
     except OSError as error:
@@ -42,9 +43,9 @@ def write_bytes(path: str | Path, content: bytes) -> Path:
     return path
 
 
-def write_text(path: str | Path, text: str) -> Path:
-    """Write UTF-8 text, all or nothing."""
-    return write_bytes(path, text.encode("utf-8"))
+def write_text(path: str | Path, text: str, mode: int | None = None) -> Path:
+    """Write UTF-8 text, all or nothing. mode: as of `write_bytes`"""
+    return write_bytes(path, text.encode("utf-8"), mode)
 
 
 def part_name(name: str) -> str:
