@@ -135,6 +135,14 @@ def test_far_d_that_cancel_tabs_and_blanks(tmp_path: Path) -> None:
     assert "line 3: joint 'A2' leads 592.607 m away: no arm has such a link" in said
 
 
+def test_axes_along_gravity_but_for_rounding_carry_no_weight(tmp_path: Path) -> None:
+    """A SCARA whose quill turns upside down."""
+    (tmp_path / "arm.csv").write_text("a_mm,alpha_deg,d_mm,theta_deg\n400,0,220,0\n250,180,0,0\n0,0,100,0\n")
+    said = new(tmp_path, "--dh", str(tmp_path / "arm.csv"), "--payload", "3")
+    assert "no joint carries any weight: all axes are along gravity" in said
+    assert said.endswith(" 0")
+
+
 def test_zeros_signs_and_the_first_bearing_of_a_table_are_asked(tmp_path: Path) -> None:
     table = "joint,a_mm,alpha_deg,d_mm,theta_deg\nA1,500,-90,1045,0\nA2,1300,0,0,0\nA3,-55,90,0,-90\nA4,0,-90,-1025,0\n"
     (tmp_path / "arm.csv").write_text(table)
