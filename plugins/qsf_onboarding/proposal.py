@@ -42,6 +42,7 @@ from qsframework.robot.xml_tree import quoted
 from qsframework.units import SLIDES, TURNS
 
 _TWIST = 7e-3  # rad: joints 1 and 2 of the shipped arms would turn by 4 to 9 mrad if all that moves hung at full reach
+_SMALLEST = 6e3  # N m/rad, of the smallest strain-wave gears that arms have
 _ELBOW, _WRIST = 0.6, {True: (0.11, 0.11, 0.08), False: (0.17, 0.17, 0.17)}
 """Stiffness over that of joints 1 and 2: of the further ones that place the wrist, and of the wrist's three, in an arm
 that is built as industrial ones are and in another."""
@@ -186,7 +187,7 @@ def _stiffness(urdf: Urdf, moving: list[Joint], reach: float, wrist: Sequence[fl
     return [
         (j.name, True, _SLIDE, _WHY_SLIDE)
         if slides(j)
-        else (j.name, False, 9.81 * mass * reach / _TWIST * next(shares), why)
+        else (j.name, False, max(9.81 * mass * reach / _TWIST * next(shares), _SMALLEST), why)
         for j in moving
     ]
 
