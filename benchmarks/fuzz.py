@@ -42,6 +42,8 @@ FILES = {
     "nominal.yaml": 5000,
     "URDF": 9000,
     "xacro": 3000,
+    "a stranger's URDF": 1000,
+    "a stranger's table": 1000,
     "experiment.yaml": 14000,
     "plan.csv": 16000,
     "readings.csv": 12000,

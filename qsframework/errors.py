@@ -153,8 +153,8 @@ def nearest(name: str, allowed: Iterable[str]) -> str | None:
 
 
 def near_name(name: str, allowed: Iterable[str]) -> str | None:
-    """The nearest allowed name, else the first that begins as this one, or None if nothing is near."""
-    known = {word.lower(): word for word in allowed}
+    """The nearest other name, else the first that begins as this one, or None if nothing is near."""
+    known = {word.lower(): word for word in allowed if word != name}
     close = difflib.get_close_matches(name.lower(), list(known), n=1, cutoff=_NEAR)
     close += [word for word in known if len(name) > 2 and word.startswith(name.lower())]
     return known[close[0]] if close else None

@@ -7,7 +7,7 @@ not. Each says what it rests on.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from qsframework import units
@@ -47,6 +47,8 @@ LOADS = 20.0
 kilonewtons are a thousandfold."""
 
 
+ARM = 0.3
+"""Metres from the wrist at which data sheets state a payload's centre: 0.2 to 0.5 of heavy arms."""
 TOOL = 10.0
 """Metres from the flange beyond which a load's point is a slip: no tool is as long as the longest arm reaches."""
 
@@ -70,9 +72,15 @@ def allowed(known: PlausibleRange, si: str, unit: str = "") -> str:
     return f"{low}{known.most / factor:.6g} {shown} ({known.source})"
 
 
-def too_strong(force: Iterable[float], payload: float | None, gravity: float) -> tuple[float, float] | None:
-    """A force (3,) N that no test of an arm applies: its size and the limit; None where it may be or nobody states a
-    payload (kg)."""
-    size = math.sqrt(sum(f * f for f in force))
-    most = LOADS * (payload or math.inf) * (gravity or 9.81)
-    return (size, most) if size > most else None
+def too_strong(wrench: Sequence[float], payload: float | None, gravity: float) -> tuple[str, str, str] | None:
+    """A force and moment (3,) or (6,) N, N m that no test of an arm applies; None where it may be.
+
+    "f" for the force, "m" for the moment, its size and the limit in words. payload: kg, None where nobody states one
+    """
+    weight = LOADS * (payload or math.inf) * (gravity or 9.81)
+    for part, values, most, unit in (("f", wrench[:3], weight, "N"), ("m", wrench[3:], ARM * weight, "N m")):
+        size = math.sqrt(sum(value * value for value in values))
+        if size > most:
+            arm = "" if part == "f" else f" at {ARM:g} m"
+            return part, f"{size:.0f} {unit}", f"up to {most:.0f} {unit}, {LOADS:g} times the payload{arm}"
+    return None

@@ -1,4 +1,4 @@
-"""ABB RAPID modules (.mod, .prg, .sys): targets, tools and work objects by name, array or in the motion itself."""
+"""ABB RAPID modules (.mod, .modx, .prg, .sys, .sysx): targets, tools, work objects by name, array or in the motion."""
 
 from __future__ import annotations
 
@@ -60,6 +60,8 @@ _SPEED = re.compile(r"V[0-9]+|VMAX|Z[0-9]+|FINE")
 """A speed or a zone that every controller knows."""
 _SUFFIX = re.compile(r"(?:\d|START|END|DO|AO|GO|SYNC|STD|IOS)+$")
 _TYPES, _DATA = ("ROBTARGET", "JOINTTARGET"), ("TOOLDATA", "WOBJDATA")
+_BEFORE_NAMES = ("PROC", "FUNC", "TRAP", ".", "\\", ",", "(", "[", ":=", *_TYPES)
+"""Behind them stands a name, whatever instruction ends as it does."""
 _UNUSED = 8.9e9
 _ROUGH = 1e-3
 _SHIFT = "a programme displacement (PDispOn, PDispSet) shifts it when it runs"
@@ -330,14 +332,16 @@ def _frame(tokens: Sequence[Token]) -> Array | None:
 
 def _verbs(line: SourceStatement, names: Names) -> Iterator[int]:
     """Where motions begin: at their names, or at those of an option with a target, a speed or a zone, and more."""
-    words = line.upper
+    words, verb = line.upper, -2
     for k, word in enumerate(words):
         before, after = words[k - 1] if k else "", words[k + 1] if k + 1 < len(words) else ";"
-        if line.tokens[k].kind != "word" or before in ("PROC", "FUNC", "TRAP", ".", "\\") or after == ":=":
+        named = before in _BEFORE_NAMES or after in (":=", "{", ".") or verb == k - 1
+        if line.tokens[k].kind != "word" or named:
             continue
-        parts = split(line.tokens[k + 1 :]) if _INSTRUCTION.fullmatch(word) and before not in (",", "(", ":=") else ()
+        parts = split(line.tokens[k + 1 :]) if _INSTRUCTION.fullmatch(word) else ()
         fast = bool(parts) and any(_SPEED.fullmatch(w) for w in words[k + 1 :])
         if _MOTION.fullmatch(word) or (len(parts) > 3 and _goes(split(parts[0], "\\")[0], names, fast)):
+            verb = k
             yield k
 
 
@@ -402,7 +406,7 @@ class Rapid(Language):
     tool centre point and of its turning."""
 
     maker = "ABB"
-    endings = (".mod", ".prg", ".sys")
+    endings = (".mod", ".modx", ".prg", ".sys", ".sysx")
     pose = Orientation(
         axes=("X", "Y", "Z", "Q1", "Q2", "Q3", "Q4"),
         letter="J",

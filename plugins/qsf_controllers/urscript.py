@@ -1,4 +1,4 @@
-"""URScript of Universal Robots (.script): joint angles in rad, poses in m and rotation vectors in rad."""
+"""URScript of Universal Robots (.script, .urscript): joint angles in rad, poses in m and rotation vectors in rad."""
 
 from __future__ import annotations
 
@@ -240,7 +240,7 @@ class URScript(Language):
     largest of the slowest joints that the maker has."""
 
     maker = "UNIVERSAL ROBOTS"
-    endings = (".script",)
+    endings = (".script", ".urscript")
     pose = POSE
     form, written = "urscript", (".script",)
 

@@ -83,7 +83,7 @@ def _serve(day: Day, files: DayFiles, port: int) -> None:
         listening.bind((HOST, port))
     page = DayPage(day, lambda now: finish(now, files))
     print(
-        f"http://{HOST}:{listening.getsockname()[1]}/  (Ctrl-C ends it; the same command resumes the session)",
+        f"http://{HOST}:{listening.getsockname()[1]}{page.path}  (Ctrl-C ends it; the same command resumes it)",
         flush=True,
     )
     server = uvicorn.Server(uvicorn.Config(page.app(), log_level="error", lifespan="off"))

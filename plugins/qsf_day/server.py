@@ -6,6 +6,8 @@ Whatever the page shows is made from the day's files: it may be closed, opened t
 from __future__ import annotations
 
 import json
+import re
+import secrets
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -22,7 +24,7 @@ from starlette.middleware import Middleware
 from starlette.middleware.base import BaseHTTPMiddleware, RequestResponseEndpoint
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response
-from starlette.routing import Route
+from starlette.routing import Mount, Route
 
 from qsf_day.entry import enter_file, enter_text, read_positions
 from qsf_day.record import Slot
@@ -57,6 +59,7 @@ _SAID = 30
 """Lines of what was said that the page shows."""
 _ONLY_OURS = "default-src 'self' 'unsafe-inline' 'unsafe-eval' data: blob:; frame-ancestors 'self'"
 """What the page may load: nothing from elsewhere."""
+_TOKEN = re.compile("[0-9a-f]{16}")
 _SECRET = "x-qsf-day"
 """A header that a form of another site cannot send."""
 
@@ -66,6 +69,7 @@ class DayPage:
 
     def __init__(self, day: Day, end: Callable[[Day], list[str]]) -> None:
         self._day, self._end = day, end
+        self.path = f"/{_token(day.record.folder)}/"
         self._lock, self._wake = threading.Lock(), threading.Event()
         self._version, self._said = 1, list[dict[str, Any]]()
         self._found: SoFar | None = None
@@ -76,17 +80,22 @@ class DayPage:
         self._wake.set()
 
     def app(self) -> Starlette:
-        """The pages: / the day, /state what it shows, /scene the next pose; the others take what the operator does."""
+        """Below `path`: / the day, /state what it shows, /scene the next pose; the others take what is done."""
         return Starlette(
             routes=[
-                Route("/", self._page),
-                Route("/state", self._state),
-                Route("/scene", self._scene_page),
-                Route("/readings", self._post(self._readings), methods=["POST"]),
-                Route("/file", self._post(self._file), methods=["POST"]),
-                Route("/floor", self._post(self._floor), methods=["POST"]),
-                Route("/decide", self._post(self._decide), methods=["POST"]),
-                Route("/end", self._post(self._ask_end), methods=["POST"]),
+                Mount(
+                    self.path.rstrip("/"),
+                    routes=[
+                        Route("/", self._page),
+                        Route("/state", self._state),
+                        Route("/scene", self._scene_page),
+                        Route("/readings", self._post(self._readings), methods=["POST"]),
+                        Route("/file", self._post(self._file), methods=["POST"]),
+                        Route("/floor", self._post(self._floor), methods=["POST"]),
+                        Route("/decide", self._post(self._decide), methods=["POST"]),
+                        Route("/end", self._post(self._ask_end), methods=["POST"]),
+                    ],
+                )
             ],
             middleware=[Middleware(_OnlyHere)],
         )
@@ -260,6 +269,17 @@ class DayPage:
             if ended is not None:
                 self._ended, self._asked = ended, False
             self._version += 1
+
+
+def _token(folder: Path) -> str:
+    """The word in the page's address, which other users of the machine do not know; kept for the next start."""
+    file, word = folder / ".page", secrets.token_hex(8)
+    with suppress(OSError, QsfError):
+        kept = file.read_text(encoding="ascii", errors="replace") if file.exists() else ""
+        if _TOKEN.fullmatch(kept):
+            return kept
+        write_text(file, word, 0o600)
+    return word
 
 
 async def _body(request: Request) -> bytes | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 from qsf_day.judge import Check
 from qsf_day.mistakes import Explanation
 from qsf_day.record import Slot
@@ -11,6 +13,8 @@ from qsframework.errors import listed, some_of
 from qsframework.plugin import Array
 from qsframework.units import JointUnits
 
+_CLOCK = 1.0
+"""s by which a clock that is corrected all the time goes back at most."""
 _ASKED = {
     "shape": "the markers' distances are {} off",
     "place": "the markers are {} from where this pose puts them",
@@ -41,10 +45,16 @@ NOTHING_NEW = "taken in before, nothing in it is new."
 
 
 def spoilt_words(day: Day) -> str:
-    """Which lines of the journal are none, and what became of the others."""
+    """Which lines of the journal are none, what became of the others, and whether the clock went back."""
     lines = some_of([str(line) for line in day.record.spoilt], 20)
     kept = "All other records are kept; read again what is missing. readings_before.csv is the table as it was."
-    return lines and f"day.jsonl: spoilt and not used: line {lines}. {kept}"
+    times = [float(record.get("time", 0.0)) for record in day.record.log]
+    back = max((before - after for before, after in pairwise(times)), default=0.0)
+    clock = (
+        f"This machine's clock was set back by {back:.0f} s during the session: time_s before and after do not compare."
+    )
+    said = [f"day.jsonl: spoilt and not used: line {lines}. {kept}"] if lines else []
+    return " ".join([*said, clock] if back > _CLOCK else said)
 
 
 def slot_words(day: Day, slot: Slot) -> str:

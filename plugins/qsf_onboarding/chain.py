@@ -20,6 +20,8 @@ _ASKEW = 0.05
 """Of the cosine of two axes: within 18 degrees of parallel, 3 of square."""
 _FLANGES = ("flange", "tool0", "ee_link", "link_ee", "tool_link", "end_effector", "end_effector_link")
 """Names of a link that carries the tool, or ends of such names; the first that is there."""
+MOST_JOINTS = 30
+"""Of an arm that move."""
 _TRUNK = 3
 """Joints before a parting that could be an arm which carries a hand."""
 
@@ -44,6 +46,12 @@ def choose_chain(urdf: Urdf, base: str | None, flange: str | None) -> tuple[str,
             Problem(message, file=file, hint="Choose another base or flange.", argument=("flange", "LINK"))
         )
     _check_kinds(chain)
+    moving = [joint for joint in chain if joint.moves]
+    if len(moving) > MOST_JOINTS:
+        message = f"joint {moving[MOST_JOINTS].name!r} is one too many: {len(moving)} joints move from base to flange"
+        hint, argument = "Name the flange of the arm.", ("flange", moving[MOST_JOINTS - 1].child)
+        allowed = f"up to {MOST_JOINTS}"
+        raise InputError(moving[MOST_JOINTS].place.problem(message, allowed=allowed, hint=hint, argument=argument))
     return base, flange, chain
 
 

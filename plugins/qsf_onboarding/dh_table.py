@@ -11,12 +11,14 @@ from __future__ import annotations
 import csv
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import accumulate
 from pathlib import Path
 
 import numpy as np
 
+from qsf_onboarding.chain import MOST_JOINTS
 from qsframework import plausible, units
-from qsframework.errors import InputError, Problem, nearest
+from qsframework.errors import InputError, Problem, nearest, refuse
 from qsframework.files import read_text
 from qsframework.plugin import Array
 from qsframework.robot.denavit import along
@@ -25,8 +27,6 @@ from qsframework.robot.xml_tree import XmlPlace
 
 _KINDS = {"a": "m", "alpha": "rad", "d": "m", "theta": "rad", "min": "rad", "max": "rad"}
 _NEEDED = ("a", "alpha", "d", "theta")
-_MOST = 30
-"""Joints."""
 _SHOWN = ("a_mm", "alpha_deg", "d_mm", "theta_deg")
 _OPTIONAL = ("joint", "min_deg", "max_deg")
 
@@ -40,13 +40,16 @@ class _Row:
     line: int
 
 
-def read_denavit(path: Path, modified: bool = False) -> Urdf:
+def read_denavit(path: Path, modified: bool = False, bearing: float | None = None) -> Urdf:
     """The arm of a table: links `base`, `link_1` .. `link_n`, `flange`; every joint turns about its z.
 
     Columns: a_mm, alpha_deg, d_mm, theta_deg, and if wished joint, min_deg, max_deg; other units of length and angle
     are read too. InputError with every wrong cell.
+    bearing: m along the first axis above the base at which the first joint's frame is put
     """
-    rows = _read(path)
+    lines = _lines(path)
+    columns = _columns(path, *lines[0])
+    rows = _rows(path, lines[1:], columns)
     between = [along(0, row.values["a"], row.values["alpha"]) for row in rows]
     steps = [b @ along(2, row.values["d"], row.values["theta"]) for row, b in zip(rows, between, strict=True)]
     end = np.eye(4)
@@ -55,14 +58,39 @@ def read_denavit(path: Path, modified: bool = False) -> Urdf:
         after = [along(2, row.values["d"], 0.0) @ b for row, b in zip(rows, between, strict=True)]
         steps = [before @ t for before, t in zip([np.eye(4), *after[:-1]], theta, strict=True)]
         end = after[-1]
+    steps = _slid([*steps, end], bearing, max(abs(row.values["d"]) for row in rows) > _LONG)
+    lengths = [float(np.linalg.norm(step[:3, 3])) for step in steps]
+    refuse(list(_other_units(path, lines[0][0], columns, rows, max(lengths) > _LONG)))
+    if max(lengths) > plausible.RANGES["m"].most:
+        row, hint = max(rows, key=lambda row: abs(row.values["d"])), "Large d of parallel axes must cancel each other."
+        message = f"joint {row.joint!r} leads {max(lengths):.6g} m away: no arm has such a link"
+        raise InputError(Problem(message, file=str(path), line=row.line, allowed="up to 100 m", hint=hint))
     names = ["base", *(f"link_{k + 1}" for k in range(len(rows))), "flange"]
     links = tuple(Link(name, XmlPlace(str(path), None), None, ()) for name in names)
     joints = [
         _joint(path, row, names[k], names[k + 1], steps[k], "revolute" if "min" in row.values else "continuous")
         for k, row in enumerate(rows)
     ]
-    last = _joint(path, _Row("to_flange", {}, rows[-1].line), names[-2], names[-1], end, "fixed")
+    last = _joint(path, _Row("to_flange", {}, rows[-1].line), names[-2], names[-1], steps[-1], "fixed")
     return Urdf(path, links, (*joints, last), ())
+
+
+def _slid(steps: list[Array], bearing: float | None, far: bool) -> list[Array]:
+    """The placements of joints and flange, each in the one before, with frames slid along their joints' axes.
+
+    The first goes to the height of its bearing; of far frames, as nearly parallel axes have whose d cancel, each goes
+    to the point of its axis that is nearest to the frame before.
+    """
+    frames = list(accumulate(steps, np.matmul))
+    for k, frame in enumerate(frames[:-1]):
+        axis, before = frame[:3, 2], frames[k - 1][:3, 3] if k else np.zeros(3)
+        slide = (before - frame[:3, 3]) @ axis if far else 0.0
+        if k == 0 and bearing is not None:
+            slide = bearing - frame[:3, 3] @ axis
+        if slide:
+            frames[k] = frame @ along(2, slide, 0.0)
+    moved = zip([np.eye(4), *frames[:-1]], frames, strict=True)
+    return [np.linalg.solve(before, frame) for before, frame in moved] if far or bearing is not None else steps
 
 
 def _joint(path: Path, row: _Row, parent: str, child: str, placement: Array, kind: str) -> Joint:
@@ -88,37 +116,48 @@ def _rpy(rotation: Array) -> Array:
     return np.array([roll, pitch, yaw])
 
 
-def _read(path: Path) -> list[_Row]:
+def _lines(path: Path) -> list[tuple[int, list[str]]]:
+    """The cells of the header and of each joint, each with its line in the file; separated by , ; tabs or blanks."""
     lines = [(n, text) for n, text in enumerate(read_text(path).splitlines(), 1) if text.strip(" ,;\t")]
     lines = [(n, text) for n, text in lines if not text.lstrip().startswith("#")]
     if len(lines) < 2:
         hint = f"The first line is {','.join(_SHOWN)}, then a line follows for each joint."
         raise InputError(Problem("holds no joint", file=str(path), hint=hint))
-    between = next((mark for mark in ";\t" if mark in lines[0][1]), ",")
-    cells = [(n, [cell.strip() for cell in next(csv.reader([text], delimiter=between))]) for n, text in lines]
+    if len(lines) - 1 > MOST_JOINTS:
+        allowed = f"up to {MOST_JOINTS}"
+        raise InputError(Problem(f"holds {len(lines) - 1} joints", file=str(path), allowed=allowed))
+    head = lines[0][1].rstrip(" ,;\t")
+    between = next((mark for mark in ";,\t" if mark in head), None)
+    width = len(head.split(between))
+    out: list[tuple[int, list[str]]] = []
+    for n, text in lines:
+        cells = [cell.strip() for cell in (next(csv.reader([text], delimiter=between)) if between else text.split())]
+        while len(cells) > width and not cells[-1]:
+            cells.pop()
+        out.append((n, text.split() if between == "\t" and len(cells) != width else cells))
+    return out
+
+
+def _rows(path: Path, lines: list[tuple[int, list[str]]], columns: list[tuple[str, str]]) -> list[_Row]:
+    """The joints; InputError with every wrong cell."""
     problems: list[Problem] = []
-    columns = _columns(path, *cells[0], problems)
-    if problems:
-        raise InputError(problems)
-    if len(cells) - 1 > _MOST:
-        raise InputError(Problem(f"holds {len(cells) - 1} joints", file=str(path), allowed=f"up to {_MOST}"))
-    rows = [_row(path, k, (line, row), columns, problems) for k, (line, row) in enumerate(cells[1:], 1)]
+    rows = [_row(path, k, line, columns, problems) for k, line in enumerate(lines, 1)]
     for k, row in enumerate(rows):
         if row.joint in [other.joint for other in rows[:k]]:
             message = f"joint {row.joint!r} stands here a second time"
             problems.append(Problem(message, file=str(path), line=row.line, column="joint"))
-    problems = problems or list(_other_units(path, cells[0][0], columns, rows))
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return rows
 
 
-def _other_units(path: Path, line: int, columns: list[tuple[str, str]], rows: list[_Row]) -> Iterator[Problem]:
-    """Columns whose numbers are those of another unit than their header's."""
+def _other_units(
+    path: Path, line: int, columns: list[tuple[str, str]], rows: list[_Row], far: bool
+) -> Iterator[Problem]:
+    """Columns whose numbers are those of another unit than their header's. far: a link is longer than arms have them"""
     for stem, unit in columns:
         numbers = [abs(row.values[stem]) for row in rows if row.values.get(stem)]
         found = np.array(units.from_si(np.array(numbers), unit)) if stem in _KINDS else np.zeros(0)
-        meant = _meant(stem, unit, found) if len(found) > 1 else ""
+        meant = _meant(stem, unit, found, far) if len(found) > 1 else ""
         if meant:
             message = f"the numbers of {stem}_{unit} look like {meant}"
             hint = f"Name the column {stem}_{meant} if they are; else correct them."
@@ -126,13 +165,13 @@ def _other_units(path: Path, line: int, columns: list[tuple[str, str]], rows: li
             yield Problem(message, file=str(path), line=line, column=f"{stem}_{unit}", found=shown, hint=hint)
 
 
-def _meant(stem: str, unit: str, found: Array) -> str:
+def _meant(stem: str, unit: str, found: Array, far: bool) -> str:
     """The unit of which the sizes (two or more, not 0) of a column are, where it is not its own."""
     largest, turn = found.max(), 2.0 * np.pi
     if unit == "mm":
         return "m" if largest < _SHORT else ""
     if unit == "m":
-        return "mm" if largest > _LONG else ""
+        return "mm" if largest > _LONG and far else ""
     limits = stem in ("min", "max")
     if unit == "deg":
         eighths = found / (turn / 8.0)
@@ -144,10 +183,13 @@ def _meant(stem: str, unit: str, found: Array) -> str:
 
 _SHORT, _LONG = 5.0, 30.0
 """mm, m: no arm has links that are all shorter, or any that is longer."""
+_FAR = 1e4
+"""m: of d, where axes are nearly parallel and the next d cancels it."""
 
 
-def _columns(path: Path, line: int, head: list[str], problems: list[Problem]) -> list[tuple[str, str]]:
-    """What each column holds, and its unit."""
+def _columns(path: Path, line: int, head: list[str]) -> list[tuple[str, str]]:
+    """What each column holds, and its unit. InputError with every unknown one and what is missing."""
+    problems: list[Problem] = []
     allowed = ", ".join((*_SHOWN, *_OPTIONAL))
     found: list[tuple[str, str]] = []
     for name in head:
@@ -169,6 +211,7 @@ def _columns(path: Path, line: int, head: list[str], problems: list[Problem]) ->
     if missing and not problems:
         message = f"column{'s' * (len(missing) > 1)} missing: {', '.join(missing)}"
         problems.append(Problem(message, file=str(path), line=line, found=", ".join(head), allowed=allowed))
+    refuse(problems)
     return found
 
 
@@ -196,7 +239,7 @@ def _row(
             value = float(units.to_si(float(cell), unit)) if cell.isascii() else np.nan
         except ValueError:
             value = np.nan
-        if not abs(value) <= plausible.RANGES[_KINDS[stem]].most:
+        if not abs(value) <= (_FAR if stem == "d" else plausible.RANGES[_KINDS[stem]].most):
             shown = plausible.allowed(plausible.RANGES[_KINDS[stem]], _KINDS[stem])
             refuse(f"{name} must be a number, with a decimal point", name, found=repr(cell[:40]), allowed=shown)
         values[stem] = value

@@ -10,6 +10,7 @@ import numpy as np
 
 from qsf_onboarding.balancer import Balancer, find_balancer
 from qsf_onboarding.chain import Build, build_of, choose_chain
+from qsf_onboarding.closed_loop import closed_loops
 from qsf_onboarding.joints import (
     ChainJoint,
     TelescopicColumn,
@@ -19,9 +20,9 @@ from qsf_onboarding.joints import (
     told_joints,
     used_limits,
 )
-from qsf_onboarding.masses import mass_of, with_bodies, with_masses
+from qsf_onboarding.masses import mass_of, moving_mass, with_bodies, with_masses
 from qsf_onboarding.meshes import with_meshes
-from qsf_onboarding.reach import reach_words
+from qsf_onboarding.reach import reaches
 from qsf_onboarding.text import (
     ControllerRow,
     NominalRow,
@@ -30,18 +31,23 @@ from qsf_onboarding.text import (
     readme_text,
     robot_text,
 )
-from qsframework.errors import InputError, some_of
-from qsframework.robot.checks import check_chain, check_structure
+from qsf_onboarding.unread import unread_of
+from qsf_onboarding.zeros import zero_notes
+from qsframework.errors import InputError, refuse, some_of
+from qsframework.robot.checks import check_chain, check_structure, check_tree
 from qsframework.robot.model import plain_urdf
 from qsframework.robot.packages import Sources
 from qsframework.robot.urdf import Joint, Link, MeshVisual, Mimic, Urdf, Visual, read_urdf
 from qsframework.robot.xml_tree import quoted
 from qsframework.units import SLIDES, TURNS
 
-_TWIST_AT_EFFORT = 2.5e-3  # rad: the KUKA KR500 gives 2.1 to 3.6 mrad at its joints' largest torques
-_TWIST_AT_WEIGHT = 1.0e-3  # rad: the KUKA KR240/KR270 under its own weight and a tool
+_TWIST = 7e-3  # rad: joints 1 and 2 of the shipped arms would turn by 4 to 9 mrad if all that moves hung at full reach
+_SMALLEST = 6e3  # N m/rad, of the smallest strain-wave gears that arms have
+_ELBOW, _WRIST = 0.6, {True: (0.11, 0.11, 0.08), False: (0.17, 0.17, 0.17)}
+"""Stiffness over that of joints 1 and 2: of the further ones that place the wrist, and of the wrist's three, in an arm
+that is built as industrial ones are and in another."""
+_SHORTEST = 0.05  # m
 _SLIDE, _WHY_SLIDE = 5e7, "50 kN/mm, a rack and pinion with its gear"
-_TOOL_SHARE, _TOOL_REACH = 0.15, 0.1  # of the moving mass; of the reach, beyond the flange
 
 
 @dataclass(frozen=True)
@@ -60,15 +66,16 @@ def propose(
     flange: str | None = None,
     sources: Sources | None = None,
     payload: float | None = None,
+    bearing: float | None = None,
 ) -> Proposal:
     """The files of a new robot from a URDF or xacro, or what was read of one. InputError if it is no arm, or several.
 
-    sources: where a xacro's packages are and what its arguments say; payload: kg, from the manual
+    sources: where a xacro's packages are and what its arguments say; payload: kg, from the manual; bearing:
+    m, the height of the first one, where it is stated
     """
     sources = sources or Sources(nearby=True)
     source = urdf if isinstance(urdf, Urdf) else read_urdf(urdf, urdf.parent, sources)
-    if source.unreadable:
-        raise InputError(source.unreadable)
+    refuse(source.unreadable or closed_loops(source) or check_tree(source))
     base, flange, stated = choose_chain(source, base, flange)
     chain, led = columns(source, stated)
     there = {link.name for link in source.links}
@@ -80,25 +87,27 @@ def propose(
     bars = [joint for joint in arm.joints if joint.moves and joint.name not in _names(every)]
     following = {**_following(every), **_following(bars, every)}
     lost = sum(mass_of(source, joint.child) for joint in dropped)
-    arm, impossible = with_bodies(arm)
-    arm, guessed = with_masses(arm, chain, base)
-    problems = [*check_structure(arm)]
-    problems = problems or check_chain(arm, base, flange)
-    if problems:
-        raise InputError(problems)
-    arm, meshes, unread = with_meshes(arm, sources)
     moving = [joint for joint in every if joint.mimic is None]
-    stiffness = [row for row in _stiffness(arm, every, payload) if row[0] not in following]
     build, senses = build_of(moving, chain)
+    heavy = build is not Build.OTHER
+    far = reaches(chain, {joint: mimic for joint, mimic in following.items() if joint in _names(chain)})
+    reach = max(far[1] if far else sum(float(np.linalg.norm(joint.origin.xyz)) for joint in chain), _SHORTEST)
+    arm, impossible = with_bodies(arm)
+    arm, guessed = with_masses(arm, chain, base, moving_mass(payload, reach, heavy))
+    refuse(check_structure(arm))
+    refuse(check_chain(arm, base, flange))
+    arm, meshes, unread = with_meshes(arm, sources)
+    stiffness = [row for row in _stiffness(arm, every, reach, _WRIST[heavy]) if row[0] not in following]
     balancer = find_balancer(source, base, chain)
     notes = (
         *_checklist(moving, payload, build, senses, balancer),
-        *_size(chain, following),
+        *_size(every, far),
+        *(zero_notes(chain, bearing) if _is_table(source) else ()),
         *_told_following(following, led),
-        *_found(arm, every, moving, guessed, impossible),
+        *_found(arm, every, moving, guessed, impossible, heavy),
         *unread,
         *_left_out(dropped, lost),
-        *(f"file: {note}" for note in source.notes),
+        *(f"file: {note}" for note in (*source.notes, *unread_of(source, sources))),
     )
     files = {
         f"{name}.urdf": _urdf_text(arm, name, base, bool(guessed)),
@@ -167,32 +176,20 @@ def _told_following(following: dict[str, Mimic], led: Sequence[TelescopicColumn]
     return (*notes[: bool(following)], *columns)
 
 
-def _stiffness(urdf: Urdf, moving: list[Joint], payload: float | None) -> list[NominalRow]:
-    """From the largest torques if all are stated, else from what the links weigh."""
-    if all(j.effort for j in moving) and len({j.effort for j in moving}) > 1:
-        why = "2.5 mrad at the joint's largest torque in the URDF"
-        turning = [j.effort / _TWIST_AT_EFFORT for j in moving]
-    else:
-        why, turning = _held_by_weight(urdf, moving, payload)
+def _stiffness(urdf: Urdf, moving: list[Joint], reach: float, wrist: Sequence[float]) -> list[NominalRow]:
+    """Assumed for each joint, N m/rad, from what turns and how far it reaches (m); N/m for one that slides."""
+    turning = [joint for joint in moving if not slides(joint)]
+    mass = sum(mass_of(urdf, joint.child) for joint in (moving[moving.index(turning[0]) :] if turning else ()))
+    weight = f"what turns, {float(f'{mass:.3g}'):g} kg, at its reach of {reach:.2g} m"
+    why = f"{1e3 * _TWIST:g} mrad under {weight}; less at the wrist"
+    placing = max(len(turning) - 3, min(len(turning), 3))
+    shares = iter((*(1.0 if k < 2 else _ELBOW for k in range(placing)), *wrist[3 + placing - len(turning) :]))
     return [
-        (j.name, True, _SLIDE, _WHY_SLIDE) if slides(j) else (j.name, False, value, why)
-        for j, value in zip(moving, turning, strict=True)
+        (j.name, True, _SLIDE, _WHY_SLIDE)
+        if slides(j)
+        else (j.name, False, max(9.81 * mass * reach / _TWIST * next(shares), _SMALLEST), why)
+        for j in moving
     ]
-
-
-def _held_by_weight(urdf: Urdf, moving: list[Joint], payload: float | None) -> tuple[str, list[float]]:
-    """Why, and the stiffness, N m/rad, of every joint, were it one that turns."""
-    lengths = [float(np.linalg.norm(j.origin.xyz)) for j in moving] + [0.0]
-    masses = [mass_of(urdf, j.child) for j in moving]
-    tool, reach = payload or _TOOL_SHARE * sum(masses), sum(lengths[1:])
-    load = f"a tool of {100 * _TOOL_SHARE:g} % of it" if payload is None else "the payload"
-    values: list[float] = []
-    for k in range(len(moving)):
-        arms = np.cumsum([0.0, *lengths[k + 1 : -1]])
-        moment = sum(m * (a + 0.5 * b) for m, a, b in zip(masses[k:], arms, lengths[k + 1 :], strict=True))
-        moment += tool * (float(arms[-1]) + _TOOL_REACH * max(reach, 0.1))
-        values.append(9.81 * moment / _TWIST_AT_WEIGHT)
-    return f"1 mrad under the stretched arm's own weight and {load}", values
 
 
 def _rows(moving: list[Joint], led: Sequence[TelescopicColumn]) -> list[ControllerRow]:
@@ -247,19 +244,28 @@ def _checklist(
     )
 
 
-def _size(chain: list[Joint], following: dict[str, Mimic]) -> tuple[str, ...]:
-    """How large the arm is, to compare with the manual."""
-    far = reach_words(chain, {joint: mimic for joint, mimic in following.items() if joint in _names(chain)})
-    return () if far is None else (f"size: within these limits {far}; does the manual's reach agree?",)
+def _size(moving: list[Joint], far: tuple[float, float] | None) -> tuple[str, ...]:
+    """How large the arm is, to compare with the manual. far: as `reaches` says"""
+    if far is None:
+        return ()
+    said = f"the flange comes {far[1]:.3g} m from the first axis"
+    said += f", the origin of {moving[-2].name} {far[0]:.3g} m" if far[0] > _SHORTEST else ""
+    return (f"size: within these limits {said}; does the manual's reach agree?",)
 
 
 def _found(
-    urdf: Urdf, moving: list[Joint], every: list[Joint], guessed: tuple[str, ...], impossible: tuple[str, ...]
+    urdf: Urdf,
+    moving: list[Joint],
+    every: list[Joint],
+    guessed: tuple[str, ...],
+    impossible: tuple[str, ...],
+    heavy: bool,
 ) -> tuple[str, ...]:
     """What looks odd in this URDF, or is missing."""
     total, notes = sum(mass_of(urdf, j.child) for j in moving), list[str]()
     if guessed:
         which = "all moving links have assumed ones" if len(guessed) == len(moving) else "there they are assumed"
+        which += ", as of castings; a lightweight arm has a third" if heavy and len(guessed) == len(moving) else ""
         notes.append(f"masses: {_file(urdf)} has none for {', '.join(guessed)}; {which}")
     else:
         notes.append(f"masses: all that moves weighs {total:.3g} kg in the URDF; can that be, by the manual?")
@@ -292,7 +298,12 @@ def _found(
 
 
 def _file(urdf: Urdf) -> str:
-    return "the table" if urdf.path.suffix == ".csv" else "the URDF"
+    return "the table" if _is_table(urdf) else "the URDF"
+
+
+def _is_table(urdf: Urdf) -> bool:
+    """Whether the arm comes from a table, whose links stand on no line."""
+    return all(link.place.line is None for link in urdf.links)
 
 
 def _left_out(dropped: list[Joint], lost: float) -> tuple[str, ...]:

@@ -14,24 +14,21 @@ from qsframework.robot.urdf import Joint, Mimic
 _TRIED, _ROUNDS = 4000, 12
 
 
-def reach_words(chain: Sequence[Joint], following: Mapping[str, Mimic]) -> str | None:
-    """How far the origin of the last joint but one and the flange come from the first axis that turns, in words.
+def reaches(chain: Sequence[Joint], following: Mapping[str, Mimic]) -> tuple[float, float] | None:
+    """How far (m) the origin of the last joint but one and the flange come from the first axis that turns.
 
     chain: all joints from base to flange. None where no two joints turn.
     """
     moving = [joint for joint in chain if joint.moves]
     if sum(not slides(joint) for joint in moving) < 2:
         return None
-    wrist = moving[-2]
-    far = [_farthest(chain, following, end) for end in (wrist.name, "")]
-    said = f"the flange comes {far[1]:.3g} m from the first axis, the origin of {wrist.name} {far[0]:.3g} m"
-    return said if far[0] > 0.05 else f"the flange comes {far[1]:.3g} m from the first axis"
+    return _farthest(chain, following, moving[-2].name), _farthest(chain, following, "")
 
 
 def _farthest(chain: Sequence[Joint], following: Mapping[str, Mimic], end: str) -> float:
     """The largest distance, m, of a joint's origin ("": the flange) from the first axis that turns, by trial."""
     own = [joint for joint in chain if joint.moves and joint.name not in following]
-    low, high = np.array([(0.5 * sum(used_limits(j)),) * 2 if slides(j) else used_limits(j) for j in own]).T
+    low, high = np.sort([(0.5 * sum(used_limits(j)),) * 2 if slides(j) else used_limits(j) for j in own]).T
     rng = np.random.default_rng(0)
     tried = rng.uniform(low, high, (_TRIED, len(own)))
     best, at = 0.0, 0.5 * (low + high)

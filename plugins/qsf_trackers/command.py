@@ -7,6 +7,7 @@ from pathlib import Path
 
 from qsf_trackers.options import ImportFiles, ImportOptions
 from qsframework.cli import Trust, distinct_outputs, load_campaign, print_folded, print_table, write_json
+from qsframework.errors import InputError
 
 
 def import_files(files: ImportFiles, options: ImportOptions, trust: Trust = False) -> None:
@@ -31,15 +32,20 @@ def import_files(files: ImportFiles, options: ImportOptions, trust: Trust = Fals
     if not files.look:
         keep_measured([files.output], "-o")
     experiment = load_campaign(files.experiment)
+    mapping = None
     if files.mapping is not None:
-        stated = read_mapping(files.mapping)
+        mapping = read_mapping(files.mapping)
+        stated = mapping.spec
         options = replace(
             options,
             columns={**stated.columns, **options.columns},
             names={**stated.names, **options.names},
             units=(*stated.units, *options.units),
         )
-    found = import_readings(experiment, files.files, files.plan, options)
+    try:
+        found = import_readings(experiment, files.files, files.plan, options)
+    except InputError as error:
+        raise error if mapping is None else mapping.placed(error) from error
     for table in (taken_table(found), point_table(found)):
         if table.rows:
             print_table(table.header, table.rows)

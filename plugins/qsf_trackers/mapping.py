@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pydantic
 
-from qsframework.files import FileModel, read_yaml, validate
+from qsf_trackers.tables import stated_units
+from qsframework.errors import InputError, Problem
+from qsframework.files import Document, FileModel, read_yaml, validate
 
 
 class MappingSpec(FileModel):
@@ -23,6 +26,32 @@ class MappingSpec(FileModel):
     )
 
 
-def read_mapping(path: str | Path) -> MappingSpec:
+@dataclass(frozen=True)
+class Mapping:
+    """What is stated, and the file that states it."""
+
+    spec: MappingSpec
+    document: Document
+
+    def placed(self, error: InputError) -> InputError:
+        """The same problems, those of what is stated here with the file and line."""
+        keys = {repr(role): ("columns", role) for role in self.spec.columns}
+        keys |= {f"{role}={name}": ("columns", role) for role, name in self.spec.columns.items()}
+        keys |= {f"the word {word!r} cannot mean this": ("names", word) for word in self.spec.names}
+        found = [(p, keys.get(p.found or "") or keys.get(p.message)) for p in error.problems]
+        return InputError([p if at is None else self._placed(p, *at) for p, at in found])
+
+    def _placed(self, problem: Problem, *at: str) -> Problem:
+        message = f"{problem.message} ({problem.file})" if problem.file else problem.message
+        return replace(problem, message=message, file=str(self.document.path), line=self.document.line(*at))
+
+
+def read_mapping(path: str | Path) -> Mapping:
     """Read a mapping. InputError with all its problems, each with file and line."""
-    return validate(read_yaml(path), MappingSpec)
+    mapping = Mapping(validate(document := read_yaml(path), MappingSpec), document)
+    try:
+        stated_units(mapping.spec.units)
+    except InputError as error:
+        line = document.line("units")
+        raise InputError([replace(p, file=str(path), line=line) for p in error.problems]) from error
+    return mapping

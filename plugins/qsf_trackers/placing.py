@@ -32,6 +32,8 @@ _FEWEST_AGREE = 4
 """Any three points agree with some frame."""
 _NEARLY_ALL = 0.9
 """Share of the points that must agree under another convention for it to be named."""
+_NESTS = 0.15
+"""m by which nests that were guessed, not measured, are off at most."""
 _NEAR = 1e-2
 """m: a point that another marker, pose or unit brings so near is probably that."""
 
@@ -285,8 +287,10 @@ def _misplaced(
             return point.problem(message, "x", hint=f"It would be right in {unit}: export all points in one unit.")
     away = np.linalg.norm(every - point.xyz, axis=2)
     p, m = (int(v) for v in np.unravel_index(int(np.argmin(away)), away.shape))
-    hint = "Look at its name, or leave it out."
-    if away[p, m] < near:
+    hint, argument = "Look at its name, or leave it out.", ("ignore", point.name or "PATTERN")
+    if away[p, m] < min(near, 0.5 * off):
         hint = f"It lies where marker {markers[m]} is at pose {poses[p]}: rename it, or leave it out."
-    allowed, argument = f"up to {1e3 * within:g} mm", ("ignore", point.name or "PATTERN")
-    return point.problem(message, "x", allowed=allowed, hint=hint, argument=argument)
+    elif (largest := float(fit.off.max())) < _NESTS:
+        hint = "Where the reflectors' nests are only roughly known, allow for it."
+        argument = ("within", f"{10 * math.ceil(100.0 * largest + 1.0):g}")
+    return point.problem(message, "x", allowed=f"up to {1e3 * within:g} mm", hint=hint, argument=argument)

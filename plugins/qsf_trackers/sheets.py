@@ -80,6 +80,8 @@ def _text_rows(sheet: Sheet, text: str, separator: str) -> tuple[list[SheetRow],
     if not lines:
         raise InputError(Problem("is empty", sheet.where))
     name = separator or _separator(lines)
+    if name == "tab" and not separator and _even(lines, "space") and not _even(lines, name):
+        name = "space"  # a tab too many, or a blank in place of one
     rows = [SheetRow(i, _split(line, name)) for i, line in lines]
     first = [line for i, line in comments if i < rows[0].line]
     heading = _split(first[-1].lstrip("#/!% "), name) if first else ()
@@ -97,6 +99,11 @@ def _split(line: str, name: str) -> tuple[str, ...]:
     except csv.Error:
         cells = line.split(SEPARATORS[name])
     return tuple(unquoted(cell.strip()) for cell in cells)
+
+
+def _even(lines: Sequence[tuple[int, str]], name: str) -> bool:
+    """Whether all lines have as many cells."""
+    return len({len(_split(line, name)) for _, line in lines}) == 1
 
 
 def _separator(lines: Sequence[tuple[int, str]]) -> str:

@@ -7,7 +7,7 @@ import numpy as np
 from qsframework.errors import InputError, Problem
 from qsframework.experiment import Experiment
 from qsframework.files.models import GREATEST
-from qsframework.plausible import LOADS, RANGES, too_strong
+from qsframework.plausible import RANGES, too_strong
 from qsframework.plugin import Array
 from qsframework.robot import Robot
 
@@ -38,9 +38,8 @@ def wrench_of(option: str, text: str, robot: Robot) -> Array:
     """A wrench (6,) N, N m from an option of three or six numbers. InputError where no test of the robot applies it."""
     given = numbers(option, text, (3, 6), RANGES["N"].most)
     gravity = float(np.linalg.norm(robot.gravity))
-    if (far := too_strong(given[:3], robot.payload, gravity)) is not None:
-        allowed = f"up to {far[1]:.0f} N, {LOADS:g} times the payload of {robot.name}"
-        raise InputError(f"{option}: found {far[0]:.0f} N, allowed: {allowed}")
+    if (far := too_strong(given.tolist(), robot.payload, gravity)) is not None:
+        raise InputError(f"{option}: found {far[1]}, allowed: {far[2]} of {robot.name}")
     return np.concatenate([given, np.zeros(6 - len(given))])
 
 

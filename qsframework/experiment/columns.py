@@ -418,16 +418,16 @@ def _wrong(table: Table, i: int, column: Column, message: str, found: str, allow
 
 
 def strength_problems(table: Table, wrench: Array, payload: float | None, gravity: Array) -> list[Problem]:
-    """Rows whose force (R, 6) no test of an arm of this payload (kg) applies."""
+    """Rows whose force or moment (R, 6) no test of an arm of this payload (kg) applies."""
     g = float(np.linalg.norm(gravity))
     out: list[Problem] = []
-    for i, force in enumerate(np.nan_to_num(wrench[:, :3])):
-        far = plausible.too_strong(force.tolist(), payload, g)
+    for i, load in enumerate(np.nan_to_num(wrench).tolist()):
+        far = plausible.too_strong(load, payload, g)
         if far is not None and len(out) < MOST_PROBLEMS:
-            allowed = f"up to {far[1]:.0f} N, {plausible.LOADS:g} times the robot's payload"
-            message = "no test of an arm applies this force; is the column's unit right?"
-            stem = next((c for c in ("fz", "fx", "fy") if c in table.names), "fz")
-            out.append(table.problem(i, stem, message, f"{far[0]:.0f} N", allowed))
+            what = {"f": "force", "m": "moment"}[far[0]]
+            message = f"no test of an arm applies this {what}; is the column's unit right?"
+            stem = next((c for c in (f"{far[0]}{axis}" for axis in "zxy") if c in table.names), f"{far[0]}z")
+            out.append(table.problem(i, stem, message, far[1], far[2]))
     return out
 
 

@@ -422,7 +422,8 @@ def _load_problems(document: Document, spec: ExperimentSpec, robot: Robot) -> li
         if names.index(load.name) != i:
             problems.append(document.problem(f"{name} stands here twice", *at))
         if not np.any(load.wrench()):
-            problems.append(document.problem(f"{name} is zero", *at, allowed=", ".join(WRENCH_NAMES)))
+            hint = "For springs from the arm's own weight leave `loads` out and read `positions: {poses: 20}`."
+            problems.append(document.problem(f"{name} is zero", *at, allowed=", ".join(WRENCH_NAMES), hint=hint))
         if load.gauge is not None and load.gauge.marker not in markers:
             message, hint = (
                 f"{name}: its gauge is at no marker {load.gauge.marker!r}",

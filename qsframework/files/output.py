@@ -8,6 +8,7 @@ import os
 import platform
 import re
 import secrets
+import stat
 from pathlib import Path
 
 from qsframework.errors import InputError, Problem
@@ -17,10 +18,11 @@ SUFFIX = ".qsf-part"
 _LONGEST = 100
 
 
-def write_bytes(path: str | Path, content: bytes) -> Path:
+def write_bytes(path: str | Path, content: bytes, mode: int | None = None) -> Path:
     """Write to a temporary file beside the target, then rename: never half a file, whatever ends the process.
 
-    What an earlier process of this machine left when it was killed is removed.
+    A file that is there keeps its mode; mode: that of a new one, where it is for its owner alone. What an earlier
+    process of this machine left when it was killed is removed.
     """
     path = Path(path)
     if path.exists() and not path.is_file():
@@ -29,7 +31,7 @@ def write_bytes(path: str | Path, content: bytes) -> Path:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         remove_stale(path)
-        _fill(temporary, content)
+        _fill(temporary, content, path.stat().st_mode if path.exists() else mode)
         os.replace(temporary, path)
         sync_folder(path.parent)
     except OSError as error:
@@ -41,9 +43,9 @@ def write_bytes(path: str | Path, content: bytes) -> Path:
     return path
 
 
-def write_text(path: str | Path, text: str) -> Path:
-    """Write UTF-8 text, all or nothing."""
-    return write_bytes(path, text.encode("utf-8"))
+def write_text(path: str | Path, text: str, mode: int | None = None) -> Path:
+    """Write UTF-8 text, all or nothing. mode: as of `write_bytes`"""
+    return write_bytes(path, text.encode("utf-8"), mode)
 
 
 def part_name(name: str) -> str:
@@ -82,9 +84,12 @@ def _alive(process: int) -> bool:
     return True
 
 
-def _fill(temporary: Path, content: bytes) -> None:
-    handle = os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)
+def _fill(temporary: Path, content: bytes, mode: int | None) -> None:
+    """Write a new file. mode: that of the file whose place it takes, None for what new files have"""
+    handle = os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666 if mode is None else 0o600)
     with os.fdopen(handle, "wb") as stream:
+        if mode is not None:
+            temporary.chmod(stat.S_IMODE(mode))
         stream.write(content)
         stream.flush()
         os.fsync(stream.fileno())

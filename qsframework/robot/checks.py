@@ -21,13 +21,19 @@ _FARTHEST = 20.0
 
 def check_structure(urdf: Urdf) -> list[Problem]:
     """Everything wrong in a URDF, with file and line. An arm of which no link has a mass may be without."""
-    moved = {joint.child: joint for joint in urdf.joints if joint.moves and not weightless(urdf)}
-    problems = [*urdf.unreadable, *_names(urdf), *_ends(urdf), *_parents(urdf), *_roots(urdf)]
+    empty = weightless(urdf)
+    moved = {joint.child: joint for joint in urdf.joints if joint.moves and not empty}
+    problems = [*check_tree(urdf), *_ends(urdf), *_roots(urdf)]
     for link in urdf.links:
         problems += _mass(urdf, link, link.name in moved)
     for joint in urdf.joints:
         problems += _joint(urdf, joint)
     return problems
+
+
+def check_tree(urdf: Urdf) -> list[Problem]:
+    """What keeps links and joints from being a tree whose every part has a name of its own, with file and line."""
+    return [*urdf.unreadable, *_names(urdf), *_parents(urdf), *_circles(urdf)]
 
 
 def weightless(urdf: Urdf) -> bool:
@@ -130,16 +136,19 @@ def _roots(urdf: Urdf) -> Iterator[Problem]:
     for extra in roots[1:]:
         message = f"link {extra.name!r} hangs on nothing; the root is {roots[0].name!r} ({roots[0].place})"
         yield extra.place.problem(message, hint="A URDF has one root. Connect it by a joint.")
-    told: set[str] = set()
-    for link in urdf.links:
-        path = [link.name]
-        while path[-1] in above and above[path[-1]].parent not in path:
-            path.append(above[path[-1]].parent)
-        if path[-1] in above and not told & set(path):
-            circle = path[path.index(above[path[-1]].parent) :]
-            told |= set(path)
-            place = above[circle[0]].place
-            yield place.problem("joints run in a circle: " + " -> ".join([*circle[::-1], circle[-1]]))
+
+
+def _circles(urdf: Urdf) -> Iterator[Problem]:
+    above, tried = urdf.above(), set[str]()
+    for joint in urdf.joints:
+        way, link = list[str](), joint.child
+        while link in above and link not in tried:
+            tried.add(link)
+            way.append(link)
+            link = above[link].parent
+        if link in way:
+            circle = way[way.index(link) :]
+            yield above[circle[0]].place.problem("joints run in a circle: " + " -> ".join([*circle[::-1], circle[-1]]))
 
 
 def _mass(urdf: Urdf, link: Link, moving: bool) -> Iterator[Problem]:
@@ -190,7 +199,8 @@ def _joint(urdf: Urdf, joint: Joint) -> Iterator[Problem]:
             yield joint.place.problem(f"{owner}: the lower limit must be below the upper", found=found, hint=hint)
     if joint.moves and np.isfinite(joint.axis).all() and np.linalg.norm(joint.axis) < 1e-9:
         yield joint.place.problem(f"{owner}: the axis has no direction", found="0 0 0")
-    names = [other.name for other in urdf.joints if other is not joint]
-    if joint.mimic is not None and joint.mimic.joint not in names:
-        other = joint.mimic.joint
+    if joint.mimic is None:
+        return
+    names, other = [other.name for other in urdf.joints if other is not joint], joint.mimic.joint
+    if other not in names:
         yield joint.place.problem(f"{owner} mimics the unknown joint {other!r}", hint=nearest(other, names))

@@ -39,7 +39,7 @@ def reference_statics(robot: Robot, q: Array) -> Statics:
     places, columns, held = np.empty((n + 2, 4, 4, len(q))), np.empty((6, n, len(q))), np.empty((n, len(q)))
     for i, angles in enumerate(q):
         pin.computeJointJacobians(model, data, angles)
-        columns[..., i] = pin.getFrameJacobian(model, data, flange, aligned)
+        columns[..., i] = pin.getFrameJacobian(model, data, flange, aligned).reshape(6, n)  # (6,) of one joint
         places[..., i] = [place.homogeneous for place in (*data.oMi, pin.updateFramePlacement(model, data, flange))]
         held[:, i] = pin.computeGeneralizedGravity(model, data, angles)
     linear, angular = columns[:3].transpose(1, 0, 2), columns[3:].transpose(1, 0, 2)

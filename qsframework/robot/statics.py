@@ -13,6 +13,8 @@ from qsframework.robot.robot import Robot
 
 _TRIED = 20
 _STEP = 1e-4
+_NOTHING = 1e-9
+"""m: a lever of the whole weight that is rounding, as where axes are along gravity but for a turn by half a circle."""
 WEIGHTLESS = "the URDF states no mass, so that nothing sags by its own weight: gravity terms are unavailable"
 
 
@@ -45,13 +47,16 @@ def check_gravity(robot: Robot, q: Array) -> tuple[bool, str]:
     for k in range(robot.facts.n):
         step = _STEP * np.eye(robot.facts.n)[k]
         slope[:, k] = (potential_energy(robot, q + step) - potential_energy(robot, q - step)) / (2 * _STEP)
-    scale = float(np.abs(held).max())
-    if not scale > 0.0:
+    scale, nothing = (
+        float(np.abs(held).max()),
+        _NOTHING * float(robot.facts.masses.sum() * np.linalg.norm(robot.gravity)),
+    )
+    if not scale > nothing:
         if not robot.gravity.any():
             return False, "no joint carries any weight: gravity_m/s^2 is zero"
         if not robot.facts.masses.any():
             return True, WEIGHTLESS
-        return not slope.any(), "no joint carries any weight: all axes are along gravity"
+        return bool(np.abs(slope).max() <= nothing), "no joint carries any weight: all axes are along gravity"
     error = float(np.abs(held - slope).max()) / scale
     return error < 1e-6, f"largest holding torque {scale:.0f} N m, slope of the energy within {error:.1g}"
 

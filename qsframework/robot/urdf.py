@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from qsframework import plausible
-from qsframework.errors import Problem
+from qsframework.errors import InputError, Problem
 from qsframework.plugin import Array
 from qsframework.robot.expand import read_tree
 from qsframework.robot.packages import Sources
@@ -21,10 +21,10 @@ JOINT_TYPES = (*MOVING, "fixed")
 _MIMIC = (("multiplier", "1"), ("offset", "0"))
 """And what they are where the file does not say."""
 _GREY = (0.7, 0.7, 0.7, 1.0)
-_STRONGEST = 1e6
-"""N m: an effort beyond it stands for "no limit"."""
 _LARGEST = 1e9
 """No length, mass or inertia of an arm comes near; the square of a number beyond 1e154 is infinite."""
+_MOST_LINKS = 1000
+"""Cells of several arms with all that stands in them have 300."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,8 +102,7 @@ class Mimic:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Joint:
-    """limits are (lower, upper) rad or m, None where the file has none; effort is the largest torque (N m) of the
-    actuator, 0 where the file states none that can be."""
+    """limits are (lower, upper) rad or m, None where the file has none."""
 
     name: str
     kind: str
@@ -114,7 +113,6 @@ class Joint:
     limits: tuple[float, float] | None
     mimic: Mimic | None
     place: XmlPlace
-    effort: float = 0.0
 
     @property
     def moves(self) -> bool:
@@ -141,9 +139,12 @@ class Urdf:
 
     def below(self, link: str) -> list[Joint]:
         """All joints on the far side of a link, parents first."""
-        below = [joint for joint in self.joints if joint.parent == link]
+        children: dict[str, list[Joint]] = {}
+        for joint in self.joints:
+            children.setdefault(joint.parent, []).append(joint)
+        below = list(children.get(link, ()))
         for upper in below:  # which grows meanwhile
-            below += [joint for joint in self.joints if joint.parent == upper.child]
+            below += children.get(upper.child, ())
         return below
 
     def fixed_to(self, link: str) -> list[str]:
@@ -168,6 +169,11 @@ def read_urdf(path: Path, folder: Path, sources: Sources | None = None) -> Urdf:
         reader.problems.append(root.place.problem("the outermost element must be <robot>", found=f"<{root.tag}>"))
     reader.materials = {node.get("name"): node for node in root.all("material")}
     links = tuple(reader.link(node) for node in root.all("link"))
+    if len(links) > _MOST_LINKS:
+        hint = "Leave out what is no part of the arm and of what it carries."
+        raise InputError(
+            Problem(f"holds {len(links)} links", file=str(path), allowed=f"up to {_MOST_LINKS}", hint=hint)
+        )
     joints = tuple(reader.joint(node) for node in root.all("joint"))
     return Urdf(path, links, joints, tuple(reader.problems), tuple(notes))
 
@@ -287,17 +293,7 @@ class _Reader:
             limits=self.limits(node, owner),
             mimic=None if mimic is None else self.mimic(mimic, owner),
             place=node.place,
-            effort=self.effort(node),
         )
-
-    @staticmethod
-    def effort(node: Node) -> float:
-        limit = node.first("limit")
-        try:
-            effort = float(limit.get("effort")) if limit is not None else 0.0
-        except ValueError:
-            return 0.0
-        return effort if 0.0 < effort < _STRONGEST else 0.0
 
     def mimic(self, node: Node, owner: str) -> Mimic:
         multiplier, offset = (float(self.numbers(node, k, 1, owner, d)[0]) for k, d in _MIMIC)

@@ -67,6 +67,8 @@ _LIGHTER = (
     (1.0 / 4.4482216, "perhaps N where the file says lbf"),
     (1.0 / 9.80665, "perhaps N where the file says kgf or daN"),
 )
+_GROSS = 5e-3
+"""m a coordinate, which no arm misses by: beyond it several joints may count the other way together."""
 _SHOWN = 3
 """Parameters that are told with a mistake."""
 _NO_FURTHER = 2.0
@@ -91,8 +93,10 @@ def whole_table(given: Linearized, standing: Standing) -> list[Mistake]:
             others = linearized(experiment, readings.masked(aside))
     changes = [] if _as_stated(others) else [c for make in _CHANGES for c in make(experiment, others.readings)]
     changes = [replace(c, tried=len(changes)) for c in changes]
-    trials = zip(changes, _trials(changes, others), strict=True)
-    judged = [_judge(change, others, trial) for change, trial in trials]
+    judged = _judged(changes, others)
+    if changes and others.estimates.rms > _GROSS and not any(c.compelling and c.rms < _GROSS for c in judged if c):
+        signs = list(joint_signs(experiment, others.readings, (2, 3)))
+        judged += _judged([replace(c, tried=len(changes) + len(signs)) for c in signs], others)
     back = aside & readings.use
     whole = [replace(c, readings=replace(c.readings, use=c.readings.use | back)) for c in judged if c is not None]
     local = [_judge(change, given, _trials([change], given)[0]) for change in _of_some_rows(given)]
@@ -105,6 +109,11 @@ def whole_table(given: Linearized, standing: Standing) -> list[Mistake]:
     if whole and whole[0].compelling and whole[0].name == "tracker_axes":
         whole[0] = replace(whole[0], readings=aligned(experiment, whole[0].readings, readings))
     return whole
+
+
+def _judged(changes: Sequence[Hypothesis], given: Linearized) -> list[Mistake | None]:
+    """What the readings say of changes of all rows."""
+    return [_judge(c, given, trial) for c, trial in zip(changes, _trials(changes, given), strict=True)]
 
 
 def _as_stated(fit: Linearized) -> bool:

@@ -19,7 +19,17 @@ import numpy as np
 from qsframework.arguments import checked
 from qsframework.errors import InputError, Problem, refuse
 from qsframework.experiment import Experiment
-from qsframework.experiment.columns import WRENCH, XYZ, Column, Table, force_columns, joint_stems, numbered, read_table
+from qsframework.experiment.columns import (
+    WRENCH,
+    XYZ,
+    Column,
+    Table,
+    force_columns,
+    joint_stems,
+    numbered,
+    read_table,
+    strength_problems,
+)
 from qsframework.experiment.plan import joint_columns
 from qsframework.experiment.plausible_readings import no_load
 from qsframework.files.documents import nearest_file
@@ -205,6 +215,7 @@ def _poses(table: Table, problems: list[Problem]) -> TipPose:
 
 def _capacity(table: Table, wrench: Array, experiment: Experiment) -> list[Problem]:
     robot = experiment.robot
+    refuse(strength_problems(table, wrench, robot.payload, robot.gravity))
     if robot.payload is None or not experiment.constraints.load_capacity:
         return []
     force, most = np.linalg.norm(wrench[:, :3], axis=1), robot.payload * float(np.linalg.norm(robot.gravity))

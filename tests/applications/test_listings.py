@@ -163,6 +163,38 @@ def test_corrected_poses_are_read_back_as_the_places_that_were_meant(
     assert np.linalg.norm(result.deflection[:, :3], axis=1).min() > 1e-6, "there is something to correct"
 
 
+@pytest.mark.parametrize(
+    ("listing", "ending"), [("compact.mod", ".modx"), ("compact.mod", ".sysx"), ("polyscope.script", ".urscript")]
+)
+def test_other_endings_of_a_language(
+    listing: str, ending: str, cell: Callable[[str], Experiment], tmp_path: Path
+) -> None:
+    path = (tmp_path / listing).with_suffix(ending)
+    path.write_bytes((FOLDER / listing).read_bytes())
+    maker = endings()[Path(listing).suffix]
+    _, counts = followed(path, cell(maker), maker)
+    assert counts == {k: int(v) for k, v in COUNTS[listing].items() if k != "programme"}
+
+
+@pytest.mark.parametrize("name", ["pHol", "pJ", "arcL", "way_C2", "moveL"])
+def test_a_name_that_ends_as_an_instruction_is_no_motion(
+    name: str, cell: Callable[[str], Experiment], tmp_path: Path
+) -> None:
+    """Of an array that is gone through, and of one point."""
+    unused = "[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]"
+    path = tmp_path / "path.mod"
+    path.write_text(
+        "MODULE M\nPERS tooldata tA:=[TRUE,[[0,0,150],[1,0,0,0]],[5,[0,0,80],[1,0,0,0],0,0,0]];\n"
+        f"CONST robtarget {name}s{{1}}:=[[[1500,0,1300],[0.5,0,0.866025,0],{unused}]];\n"
+        f"CONST robtarget {name}{{2}}:=[[[1500,0,1300],[0.5,0,0.866025,0],{unused}],"
+        f"[[1450,90,1300],[0.5,0,0.866025,0],{unused}]];\n"
+        "PROC main()\nMoveAbsJ [[10,20,-10,5,60,20],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,fine,tA;\nFOR i FROM 1 TO 2 DO\n"
+        f"MoveL {name}{{i}},v100,fine,tA\\WObj:=wobj0;\nENDFOR\nMoveL {name}s{{1}},v100,fine,tA;\nENDPROC\nENDMODULE\n"
+    )
+    made = read_programme(path, cell("abb"), options("abb", ()))
+    assert len(made.source.motions) == sum(made.counts.values()) == 3
+
+
 def test_rotations_are_those_of_each_controller() -> None:
     """Quaternions, scalar first, and rotation vectors, written again here; the angles come back on their own turn."""
     w, x, y, z = np.array([0.5, -0.1, 0.7, 0.3]) / np.sqrt(0.84)

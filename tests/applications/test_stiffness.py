@@ -76,12 +76,33 @@ def test_the_command(tmp_path: Path) -> None:
     assert "K_C" in (tmp_path / "s.html").read_text()
 
 
+def test_a_load_of_zero_asks_for_the_stiffness_under_the_own_weight(tmp_path: Path) -> None:
+    """As that of a load which is next to none."""
+    tables = []
+    for load in ("0,0,0", "0,0,-1e-6"):
+        line = [
+            "stiffness",
+            "fanuc_m900ib",
+            "--pose=10,20,-10,30,40,0",
+            f"--load={load}",
+            "--json",
+            str(tmp_path / "s"),
+        ]
+        done = CliRunner().invoke(app, line)
+        assert done.exit_code == 0, done.exception
+        assert ("No load: K_C is that of the arm under its own weight." in " ".join(done.output.split())) == (
+            load[-1] == "0"
+        )
+        tables.append(json.loads((tmp_path / "s").read_text())["stiffness"])
+    flat = [np.array([v for part in t.values() for v in np.ravel(part)] if isinstance(t, dict) else t) for t in tables]
+    np.testing.assert_allclose(flat[0], flat[1], rtol=1e-6, atol=1.0)
+
+
 @pytest.mark.parametrize(
     ("pose", "load", "words"),
     [
         ("10,20", "0,0,-1", "--pose: found 2 numbers"),
         ("10,20,-10,30,40,0", "0,0", "--load: found 2 numbers"),
-        ("10,20,-10,30,40,0", "0,0,0", "the load is zero"),
         ("10,20,-10,30,40,x", "0,0,-1", "numbers with commas"),
         ("10,20,-10,30,nan,0", "0,0,-1", "finite numbers"),
         ("10,200,-10,30,40,0", "0,0,-1", "joint_2 is outside its limits; found 200 deg; allowed: -64 to 90 deg"),

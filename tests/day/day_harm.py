@@ -150,7 +150,10 @@ class Paged:
         """OSError where the server is gone."""
         connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=600)
         try:
-            connection.request(method, path, None if what is None else json.dumps(what), {"X-QSF-Day": "1"})
+            token = (self.place / "day" / ".page").read_text()
+            connection.request(
+                method, f"/{token}{path}", None if what is None else json.dumps(what), {"X-QSF-Day": "1"}
+            )
             answer = connection.getresponse()
             return answer.status, json.loads(answer.read() or b"null")
         except http.client.HTTPException as error:

@@ -10,6 +10,7 @@ import re
 import shutil
 import signal
 import socket
+import stat
 import subprocess
 import sys
 import time
@@ -48,9 +49,9 @@ class Server:
         assert self.process.stdout is not None
         self.port = 0
         for line in self.process.stdout:
-            found = re.search(r"http://127\.0\.0\.1:(\d+)/", line)
+            found = re.search(r"http://127\.0\.0\.1:(\d+)(/[0-9a-f]{16})/", line)
             if found:
-                self.port = int(found[1])
+                self.port, self.token = int(found[1]), found[2]
                 break
         assert self.port, "the server did not start"
         end = time.monotonic() + 300.0
@@ -63,7 +64,7 @@ class Server:
 
     @property
     def address(self) -> str:
-        return f"http://127.0.0.1:{self.port}/"
+        return f"http://127.0.0.1:{self.port}{self.token}/"
 
     def ask(self, method: str, path: str, body: Any = None, **headers: str) -> tuple[int, Any]:
         return self.send(path, None if body is None else json.dumps(body), method, headers)
@@ -73,7 +74,7 @@ class Server:
     ) -> tuple[int, Any]:
         """A request with whatever body."""
         connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=300)
-        connection.request(method, path, text, dict(headers))
+        connection.request(method, self.token + path, text, dict(headers))
         answer = connection.getresponse()
         content = answer.read().decode()
         connection.close()
@@ -112,13 +113,17 @@ def lines(xyz: Array) -> str:
     return "\n".join(f"{m} " + " ".join(f"{1e3 * v:.4f}" for v in p) for m, p in zip(cell.MARKERS, xyz, strict=True))
 
 
-def test_nobody_else_is_answered(server: Server) -> None:
+def test_nobody_else_is_answered(server: Server, folder: Path) -> None:
     own = f"127.0.0.1:{server.port}"
     assert server.ask("GET", "/state")[0] == 200
     assert server.ask("GET", "/state", Host=f"localhost:{server.port}")[0] == 200
     assert server.ask("GET", "/", Host="evil.example")[0] == 403
     assert server.ask("GET", "/state", Host=f"evil.example:{server.port}")[0] == 403
     assert server.ask("GET", "/state", Origin="http://evil.example")[0] == 403
+    known, server.token = server.token, ""  # of another user of the machine
+    assert [server.ask("GET", path)[0] for path in ("/", "/state", "/scene")] == [404, 404, 404]
+    server.token = known
+    assert stat.S_IMODE((folder / "day" / ".page").stat().st_mode) == 0o600
     reading = {"visit": 0, "state": 0, "text": "m1 1 2 3"}
     assert server.ask("POST", "/readings", reading)[0] == 403  # as a form of another site would
     assert server.ask("POST", "/readings", reading, **{"X-QSF-Day": "1", "Origin": "http://127.0.0.1:1"})[0] == 403

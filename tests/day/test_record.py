@@ -6,6 +6,7 @@ import errno
 import os
 import shutil
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -165,6 +166,16 @@ def test_one_spoilt_byte_costs_one_record_at_most(m900ib: Experiment, tmp_path: 
         assert [spoilt_words(day)[: len(s)] for s in said] == said
         assert (tmp_path / "readings_before.csv").exists() == bool(day.record.spoilt)
         (tmp_path / "readings_before.csv").unlink(missing_ok=True)
+
+
+def test_a_clock_that_was_set_back_is_said(m900ib: Experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for first, words in ((0.0, ""), (-3600.0, "This machine's clock was set back by 359")):
+        now = iter(range(1_000_000))
+        monkeypatch.setattr(time, "time", lambda now=now, first=first: 1e9 + (k := next(now)) + first * (k > 3))
+        folder = tmp_path / str(first)
+        played(m900ib, folder, 5)
+        said = spoilt_words(begin(m900ib, cell.make_day_plan(m900ib), folder, cell.SHORT))
+        assert said[:40] == words
 
 
 def test_a_table_without_its_journal_is_not_overwritten(m900ib: Experiment, tmp_path: Path) -> None:

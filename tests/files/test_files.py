@@ -12,9 +12,12 @@ from typing import Annotated
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from typer.testing import CliRunner
 
 from qsframework import units
+from qsframework.cli.app import app
 from qsframework.errors import InputError, Problem, nearest
+from qsframework.experiment import load_experiment
 from qsframework.files import (
     FileModel,
     FileRecord,
@@ -214,3 +217,22 @@ def test_all_problems_of_a_record_with_their_lines(tmp_path: Path) -> None:
         (6, "matrix: rows of different lengths"),
         (9, "share: must be a number"),
     }
+
+
+def test_a_file_that_is_written_again_keeps_its_mode(tmp_path: Path) -> None:
+    out = tmp_path / "robots.json"
+    for mode in (0o600, 0o640):
+        out.touch()
+        out.chmod(mode)
+        assert CliRunner().invoke(app, ["robots", "--json", str(out)]).exit_code == 0
+        assert out.stat().st_mode & 0o777 == mode
+        assert out.stat().st_size > 0
+
+
+def test_the_same_name_is_never_offered(tmp_path: Path) -> None:
+    loop = tmp_path / "loop1.yaml"
+    loop.symlink_to(tmp_path / "loop2.yaml")
+    (tmp_path / "loop2.yaml").symlink_to(loop)
+    with pytest.raises(InputError, match="no such file") as refused:
+        load_experiment(loop)
+    assert "'loop1.yaml'?" not in str(refused.value)

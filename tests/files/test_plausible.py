@@ -14,6 +14,7 @@ from qsframework.cli.app import app
 from qsframework.errors import InputError
 from qsframework.experiment import example, load_experiment, read_plan, read_readings
 from qsframework.plausible import LOADS, RANGES, beyond, too_strong
+from qsframework.uses.targets import read_targets
 
 EXPERIMENT = """robot: {robot}
 load: {{point_mm: [{point}]}}
@@ -103,6 +104,12 @@ def test_tables(tmp_path: Path) -> None:
     plan.write_text(f"{HEAD}\na,10,20,-10,5,60,0,0,0,-1500\nb,10,20,-10,5,60,0,0,0,-400000\n")
     with pytest.raises(InputError, match=r"line 3, column fz_N: no test of an arm applies this force.*20 times"):
         read_plan(plan, experiment)
+    targets = tmp_path / "targets.csv"
+    targets.write_text(f"{HEAD.replace('pose', 'target')},my_Nm\na,10,20,-10,5,60,0,0,0,-1500,90000\n")
+    with pytest.raises(
+        InputError, match=r"line 2, column my_Nm: .*this moment.*90000 N m.*20 times the payload at 0.3 m"
+    ):
+        read_targets(targets, experiment)
     plan.write_text(f"{HEAD}\na,10,20,-10,5,60,0,0,0,-\N{DEVANAGARI DIGIT FIVE}\n", encoding="utf-8")
     with pytest.raises(InputError, match="line 2, column fz_N: cannot be used"):
         read_plan(plan, experiment)

@@ -194,6 +194,17 @@ def test_from_the_command_line(arm: Experiment, angles: dict[str, Array], tmp_pa
         assert done.exit_code == 0, f"{command}: {done.output}\n{done.exception!r}"
 
 
+def test_a_touch_is_a_reading_that_is_zero(arm: Experiment, angles: dict[str, Array], tmp_path: Path) -> None:
+    """Where x, y, z are left out the marker is at the point: that is no reading which nobody took."""
+    table, file = touch_table(arm, tmp_path / "touches.csv", angles), tmp_path / "experiment.yaml"
+    file.write_text(TEXT)
+    for command in (["check"], ["identify", "--clean"]):
+        done = CliRunner().invoke(app, [command[0], str(file), str(table), *command[1:]])
+        assert "nothing was read" not in done.output
+        assert ("28 readings" if command[0] == "check" else "no row is masked") in done.output
+        assert done.exit_code <= (command[0] == "check"), f"{done.output}\n{done.exception!r}"
+
+
 BAD = {
     "touched once": (0, "point", "cone", "the point 'cone' is touched once", "two poses or more"),
     "another point": (0, "point", "plate", "mm from where the others touch 'plate'", "another pose"),

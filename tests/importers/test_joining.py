@@ -230,6 +230,49 @@ def test_what_has_no_point_or_is_left_out_is_said(campaign: Campaign) -> None:
     assert "ignored as requested: Floor1" in printed
 
 
+def test_a_stray_tab_or_blank_is_none_of_the_table(campaign: Campaign) -> None:
+    """As numpy.loadtxt reads it."""
+    rows = [["name", "x_mm", "y_mm", "z_mm"], *([r.name, *map(str, r.mm)] for r in campaign.readings)]
+    text = ["\t".join(row) for row in rows]
+    text[0] += "\t"
+    text[3] += " \t"
+    text[5] = "\t\t".join(rows[5])
+    text[6] = " ".join(rows[6])
+    points = campaign.write("points.txt", "\n".join(text) + "\n")
+    run(campaign, str(points), "-p", str(campaign.folder / "plan.csv"))
+    the_same(campaign)
+
+
+def test_nests_that_are_guessed_are_allowed_for(campaign: Campaign) -> None:
+    """A marker that lies nowhere else is not said to be where it is; the way that is named works."""
+    rng, rows = np.random.default_rng(0), [["name", "x_mm", "y_mm", "z_mm"]]
+    for r in campaign.readings:
+        off = rng.normal(size=3) * (r.marker == "m2" and r.pose in ("p02", "p03"))
+        rows.append([r.name, *(f"{v:.4f}" for v in np.add(r.mm, 60.0 * off / (np.linalg.norm(off) or 1.0)))])
+    points, plan = str(campaign.write("points.csv", samples.lines(rows))), str(campaign.folder / "plan.csv")
+    with pytest.raises(AssertionError, match=r"allow for it") as refused:
+        run(campaign, points, "-p", plan)
+    assert "It lies where" not in str(refused.value)
+    run(campaign, points, "-p", plan, "--within", "80")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("columns: {x: Ost}\nunits: [mm, furlong]\n", "mapping.yaml, line 2: two units of one kind are stated"),
+        ("units: [mm]\ncolumns:\n  x: Nowhere\n", r"mapping.yaml, line 3: no column is called 'Nowhere' \(.*points"),
+        ("units: [mm]\ncolumns:\n  foo: Ost\n", "mapping.yaml, line 3: no column can be taken as this; found 'foo'"),
+        ("units: [mm]\nnames:\n  WITH: heavy\n", "mapping.yaml, line 3: the word 'WITH' cannot mean this"),
+    ],
+)
+def test_what_is_wrong_in_a_mapping_is_placed(campaign: Campaign, text: str, words: str) -> None:
+    points = campaign.write("points.txt", "name;x;y;z\np01 m1;1;2;3\n")
+    mapping = campaign.write("mapping.yaml", text)
+    plan = str(campaign.folder / "plan.csv")
+    with pytest.raises(AssertionError, match=words):
+        run(campaign, str(points), "-p", plan, "--mapping", str(mapping))
+
+
 def test_a_mapping_is_kept_in_a_file(campaign: Campaign) -> None:
     mapping = campaign.write(
         "mapping.yaml", "columns: {name: Label1, x: Ost, y: Nord, z: Up}\nunits: [mm]\nnames: {WITH: loaded}\n"

@@ -30,6 +30,7 @@ from qsf_controllers.fanuc import write_fanuc
 from qsf_controllers.krl import write_krl
 from qsf_controllers.rapid import write_rapid
 from qsf_controllers.urscript import write_urscript
+from qsf_onboarding.folder import new
 from qsframework.errors import InputError, QsfError
 from qsframework.experiment import (
     Experiment,
@@ -191,6 +192,7 @@ def corpus(folder: Path) -> dict[str, list[Good]]:
     """Good files of every format, each in a folder of its own."""
     return {
         **_robot_files(folder),
+        **_strangers(folder),
         "experiment.yaml": _experiments(folder),
         **_tables(folder),
         "fit.json": [_fit(folder)],
@@ -237,6 +239,36 @@ def _robot_files(folder: Path) -> dict[str, list[Good]]:
             out[kind].append(_good(name, path, "xml", read))
     # the small arm is read ten times as fast, so that more of the time goes to different files
     return {key: [*goods[:-1], *[goods[-1]] * 12] if key != "xacro" else goods for key, goods in out.items()}
+
+
+def _strangers(folder: Path) -> dict[str, list[Good]]:
+    """URDFs, xacros and tables that `qsf new` is given."""
+    out: dict[str, list[Good]] = {"a stranger's URDF": [], "a stranger's table": []}
+    made = folder / "made"
+
+    def robot(**description: Path) -> Any:
+        shutil.rmtree(made, ignore_errors=True)
+        new("arm", folder=made, **description)
+        return used_robot(load_robot(made))
+
+    for name in (*ROBOTS, "small"):
+        given = folder / "given" / name
+        shutil.copytree(Path(__file__).parent / "small" if name == "small" else ROOT / "robots" / name, given)
+        for file in (*given.glob("*.xacro"), *given.glob("*.urdf")):
+            out["a stranger's URDF"].append(_good(name, file, "xml", lambda file=file: robot(urdf=file)))
+    for name, text in TABLES.items():
+        file = folder / f"{name}.csv"
+        file.write_text(text)
+        out["a stranger's table"].append(_good(name, file, "csv", lambda file=file: robot(dh=file)))
+    return out
+
+
+TABLES = {
+    "limits": "joint,a_mm,alpha_deg,d_mm,theta_deg,min_deg,max_deg\n"
+    "A1,350,-90,815,0,-185,185\nA2,1200,0,0,0,-130,20\nA3,145,-90,0,3,-100,144\nA4,0,90,1545,180,,\n",
+    "far": "a_m\talpha_rad\td_m\ttheta_rad\n0\t1.5711\t0.18\t0\n-0.3\t0.0007\t593.2\t0.02\n-0.4\t0.0002\t-597.6\t0.01\n"
+    "0\t1.5709\t4.5743\t0\n",
+}
 
 
 def _copied_robot(folder: Path, name: str) -> Path:

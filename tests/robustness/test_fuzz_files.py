@@ -16,6 +16,8 @@ COUNTS = {
     "nominal.yaml": 70,
     "URDF": 120,
     "xacro": 40,
+    "a stranger's URDF": 40,
+    "a stranger's table": 40,
     "experiment.yaml": 150,
     "plan.csv": 200,
     "plan.json": 150,

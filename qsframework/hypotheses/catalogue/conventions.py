@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import combinations, permutations, product
+from itertools import chain, combinations, permutations, product
 
 import numpy as np
 
 from qsframework.elastostatics.so3 import cross_matrix, exponential
-from qsframework.errors import InputError
+from qsframework.errors import InputError, listed
 from qsframework.estimation.projection import least_squares
 from qsframework.experiment import Experiment, Readings, as_shown, on_robot
 from qsframework.hypotheses.catalogue.rows import as_series
@@ -42,16 +42,19 @@ def couplings(experiment: Experiment, readings: Readings) -> Iterator[Hypothesis
             yield Hypothesis(own.name, value, words, here.with_(parameters=(*others, fixed)), readings=readings)
 
 
-def joint_signs(experiment: Experiment, readings: Readings) -> Iterator[Hypothesis]:
-    """Every angle of a joint that moves reversed."""
-    for k in np.flatnonzero(readings.moves).tolist():
-        joint = experiment.robot.facts.driven[k]
+def joint_signs(experiment: Experiment, readings: Readings, together: Sequence[int] = (1,)) -> Iterator[Hypothesis]:
+    """Every angle of a joint that moves reversed, or those of so many joints together."""
+    moving = np.flatnonzero(readings.moves).tolist()
+    for turned in chain.from_iterable(combinations(moving, count) for count in together):
+        joints = [experiment.robot.facts.driven[k] for k in turned]
         pendant = np.array(readings.poses.pendant)
-        pendant[:, k] *= -1.0
-        what = "travel" if experiment.robot.facts.slides(joint) else "angle"
-        words = f"the {what} of {joint} counts the other way round"
+        pendant[:, turned] *= -1.0
+        what = "travel" if experiment.robot.facts.slides(joints[0]) else "angle"
+        words = f"the {what} of {joints[0]} counts the other way round"
+        if len(joints) > 1:
+            words = f"the values of {listed(joints)} count the other way round"
         changed = _shown(experiment, readings, pendant)
-        yield Hypothesis(f"joint_sign[{joint}]", -1.0, words, experiment, readings=changed)
+        yield Hypothesis(f"joint_sign[{', '.join(joints)}]", -1.0, words, experiment, readings=changed)
 
 
 _WITHOUT = "this arm does not behave as if it had {}"

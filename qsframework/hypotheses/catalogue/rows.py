@@ -10,6 +10,7 @@ import numpy as np
 from qsframework.errors import some_of
 from qsframework.estimation.projection import Flags
 from qsframework.experiment import Readings
+from qsframework.experiment.frames import PLANE, POINT
 from qsframework.plugin import Array, Indices
 
 LEVEL = 0.01
@@ -79,9 +80,10 @@ def lines(readings: Readings, rows: Indices) -> str:
 
 
 def unread(readings: Readings) -> list[WrongRows]:
-    """Values that are zero to the last digit, where the instrument did not read."""
+    """Values that are zero to the last digit, where the instrument did not read; at a touched point it is met."""
     found: list[WrongRows] = []
-    rows = np.flatnonzero(readings.use & ~np.any(np.nan_to_num(readings.value), axis=1))
+    touched = np.array([*(name.startswith((POINT, PLANE)) for name in readings.frames), False])[readings.frame]
+    rows = np.flatnonzero(readings.use & ~touched & ~np.any(np.nan_to_num(readings.value), axis=1))
     for position in (False, True):
         part = rows[readings.is_position[rows] == position]
         if len(part):
