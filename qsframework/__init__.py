@@ -5,7 +5,7 @@
     experiment = qsf.load_experiment("experiment.yaml")
     fit = qsf.identify(experiment, qsf.read_readings(experiment.data, experiment))
 
-Every name here is loaded when it is asked for. A verb with the name of its package, as `design`, stays the verb.
+Every name here is loaded when it is asked for.
 """
 
 from __future__ import annotations

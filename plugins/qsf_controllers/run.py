@@ -54,7 +54,7 @@ def words(programme: Programme) -> str:
     """How long the way is, and what lies in between."""
     measured = sum(m.measured for m in programme.moves)
     way, before = np.rad2deg([programme.length, programme.length_as_planned])
-    text = f"{measured} stops to measure, {programme.vias} more to drive by. The way turns the busiest joint by "
+    text = f"{measured} stops to measure, {programme.vias} via points. The way turns the busiest joint by "
     text += f"{way:.0f} deg in all{', from home and back' if programme.home else ''}"
     return text + f"; the plan's own order asks {before:.0f} deg before any detour."
 

@@ -104,7 +104,7 @@ def _watch(day: Day, files: DayFiles, folder: Path, once: bool) -> None:
         question = ""
         if waiting := day.record.doubtful[:1]:
             correct = ", correct" if can_correct(day.mistakes[waiting[0]]) else ""
-            question = f"{slot_words(day, waiting[0])} waits for your word. Type keep{correct} or again."
+            question = f"{slot_words(day, waiting[0])} needs a decision: keep{correct} / again"
         elif plain and day.next is not None:
             question = f"{plain[0].name}: points without a pose. Is it {slot_words(day, day.next)}? Type yes or no."
         if question and question != asked:
@@ -112,7 +112,7 @@ def _watch(day: Day, files: DayFiles, folder: Path, once: bool) -> None:
         asked = question
         if once:
             if looked.empty:
-                print_folded(f"{folder}: no file lies there: let the instrument's software write its exports into it")
+                print_folded(f"{folder}: the folder is empty: let the instrument's software write its exports into it")
             for path in looked.unfinished:
                 print_folded(f"{path.name}: not taken: its last line has no end, so it may still be written")
             return
@@ -155,7 +155,7 @@ def _do(day: Day, word: str, plain: list[Path]) -> Day:
         path = plain.pop(0)
         day = _take(day, path, day.next, plain) if word == "yes" else day
     elif word:
-        print_folded(f"{word[:20]!r} answers nothing that was asked")
+        print_folded(f"{word[:20]!r} is not an answer to the question")
     return day
 
 

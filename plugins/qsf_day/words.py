@@ -26,12 +26,12 @@ _CORRECTABLE = ("markers", "unit", "sign", "axes", "decimal", "sign of one", "tr
 _MISTAKES = {
     "markers": "Markers {both} are exchanged.",
     "unit": "The numbers are in {0}, not in mm.",
-    "sign": "The sign of {both} is turned.",
-    "sign of one": "The sign of {1} of {0} is turned: {2} mm.",
+    "sign": "The sign of {both} is flipped.",
+    "sign of one": "The sign of {1} of {0} is flipped: {2} mm.",
     "axes": "The columns are {all}, not x, y, z.",
     "decimal": "The decimal point of {1} of {0} is shifted: {2} mm.",
     "no load": "The load was not put on: the markers did not move as it would move them.",
-    "load": "The arm gave as under {0}: look at what hangs there, and on which hook.",
+    "load": "The deflection matches {0}: look at what hangs there, and on which hook.",
     "force": "The row says {0}, the plan {1}: which one hung there?",
     "exchanged": "Loaded and unloaded are exchanged.",
     "still loaded": "The load is still on: {0}.",
@@ -117,7 +117,7 @@ def floor_words(judged: FloorJudged) -> str:
     """What the floor reflectors say."""
     off = f"{1e3 * judged.off:.2f} mm"
     return {
-        "first": "Floor reflectors: stored, the first of this stand of the tracker.",
+        "first": "Floor reflectors: stored, first reading from this tracker position.",
         "still": f"Floor reflectors: where they were (within {off}): the tracker stands.",
         "tracker": f"Look again: all floor reflectors moved, by up to {off}: the tracker was moved.",
         "reflector": f"Look again: floor reflector {judged.reflector} alone moved {off}.",

@@ -38,7 +38,7 @@ class Dependence:
     """Place, factors, and the range of each that the readings had.
 
     `by` names the factors, joined by `*`: the angle of a joint, or of two parallel ones with a plus between; `order`,
-    `time`, `temperature`, `approach`; `came`, the way by which the joint came from the pose before, of a link the joint
+    `time`, `temperature`, `approach`; `came`, the direction from which the joint came to its pose, of a link the joint
     before it, of the base the first one; `attitude` against gravity; `loaded`, where something happens once a load
     hangs; `always`. What further factors there are says the effect.
     """

@@ -13,7 +13,7 @@ from qsframework.plugin import Array, Context, Geometry, GeometryTerm, InputErro
 
 @dataclass(frozen=True)
 class EncoderEccentricity(Geometry):
-    """A joint's true angle differs by the sum of a sin(n q) + b cos(n q) from what the controller thinks.
+    """A joint's true angle differs by the sum of a sin(n q) + b cos(n q) from the controller's value.
 
     `waves_per_turn` lists the n: 1 is a disc off its centre, others are errors of a track or a gear that
     come n times per turn. The parameters are `.sin` and `.cos` for 1, `.sin17` and `.cos17` for 17.

@@ -19,7 +19,7 @@ class GearWaves(SpringLaw):
     """How often per turn of the joint."""
     equation = "eps = (c + a sin(n q) + b cos(n q)) T"
     source = "stiffness of strain-wave and cycloidal gears by the angle: some per cent to 20 %"
-    check = "Gear and bearing of this joint at the angles where it gives most."
+    check = "Gear and bearing of this joint at the angles where it is most compliant."
 
     def parameters(self, robot: RobotFacts) -> tuple[Parameter, ...]:
         size = robot.sizes.rotation(4e-3) / robot.load_at(self.joint)

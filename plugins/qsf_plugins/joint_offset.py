@@ -12,7 +12,7 @@ from qsframework.plugin import Array, Context, Geometry, GeometryTerm, Parameter
 
 @dataclass(frozen=True)
 class JointOffset(Geometry):
-    """An actuator stands at a constant angle, or travel, from what the controller thinks."""
+    """An actuator stands at a constant angle, or travel, from the controller's value."""
 
     joint: str = place()
     slides = True

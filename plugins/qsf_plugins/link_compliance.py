@@ -11,7 +11,7 @@ from qsframework.plugin import Parameter, RobotFacts, Spring, VirtualJoint, plac
 
 @dataclass(frozen=True)
 class LinkCompliance(Spring):
-    """A link gives in one of six directions of its own frame, translations x, y, z or rotations rx, ry, rz."""
+    """A link deflects in one of six directions of its own frame, translations x, y, z or rotations rx, ry, rz."""
 
     link: str = place()
     direction: str = place(axis=True)

@@ -64,7 +64,7 @@ class Imported:
     """What was taken for what. files: point lists, logs and known points; points: with their slots, in the order of the
     table; angles: where they are from, "plan", "columns", "names", "order" or "time"
 
-    missing: readings of the plan that no point is of; ignored: points left out; hidden: points without sight;
+    missing: readings of the plan that no point is of; ignored: points left out; hidden: points with no line of sight;
     placed: by series how the points lie to the arm; aligned: frames; header and rows: the table; readings: the table,
     read back
     """

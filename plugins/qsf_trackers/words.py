@@ -97,12 +97,12 @@ def import_words(found: Imported) -> tuple[str, ...]:
     )
     unknown = sorted({w for p in found.points for w in p.said.unknown if p.slot is None or w not in p.slot.pose})
     if unknown:
-        said.append(f"words of the names that say nothing: {_few(unknown)}")
+        said.append(f"ignored words in names: {_few(unknown)}")
     if found.ignored:
         said.append(f"ignored as requested: {_few([p.name for p in found.ignored])}")
     if found.hidden:
         rows = [f"{p.listing.sheet.path.name}, line {p.line}{f' ({p.name})' if p.name else ''}" for p in found.hidden]
-        said.append(f"{len(rows)} points without sight are not used: {_few(rows)}")
+        said.append(f"{len(rows)} points with no line of sight are not used: {_few(rows)}")
     if found.missing:
         said.append(
             f"{len(found.missing)} readings of the plan have no point: {_few([label(s) for s in found.missing])}"

@@ -309,7 +309,7 @@ def main() -> None:
             # app() would put a hook of its own where `listening` hears what compiled code loses
             typer.main.get_command(app)()
     except Stopped as stopped:
-        print("stopped: the files written so far are whole", file=sys.stderr)
+        print("Interrupted. No partial files were left.", file=sys.stderr)
         sys.exit(stopped.code)
     except QsfError as error:
         lines = _told(error)

@@ -44,9 +44,7 @@ def run_certificate(
     print_notes(found.notes)
     left = [f"{title.lower()}: {name}" for title, part in heads(found) for name, value in part if not value]
     if left:
-        print_folded(
-            f"note: printed as not stated: {', '.join(left)}. --meta states them; --template writes such a file"
-        )
+        print_folded(f"note: left blank: {', '.join(left)}. --meta states them; --template writes such a file")
     print(f"certificate: {write_certificate(output, found)}")
 
 

@@ -133,7 +133,8 @@ def _needed(
 
     if files.test_poses is not None or files.taken or options.budget is not None:
         raise InputError(
-            "--for goes without --test-poses, --taken and --budget: the task says where, and the least is asked"
+            "--for conflicts with --test-poses, --taken and --budget: the task gives the places, and the fewest poses "
+            "are sought"
         )
     robot, asked = experiment.robot, load_task_path(task)
     tool = tool_of(robot, asked.tool)

@@ -58,7 +58,7 @@ def _held(one: Fitted) -> str:
     if one.missing:
         shown, more = ", ".join(one.missing[:12]), len(one.missing) - 12
         text += (
-            " Not in them, for no table of an arm can hold what bends, changes with the pose or is of the campaign: "
+            " Not in them, for no table of an arm holds them (compliances and terms of the pose or of the campaign): "
         )
         text += shown
         text += f" and {more} more." if more > 0 else "."

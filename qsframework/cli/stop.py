@@ -49,7 +49,7 @@ def _lost(error: BaseException | None, otherwise: Callable[[], object]) -> None:
     if not isinstance(error, Stopped):
         otherwise()
         return
-    os.write(2, b"stopped: the files written so far are whole\n")
+    os.write(2, b"Interrupted. No partial files were left.\n")
     os._exit(error.code)
 
 

@@ -36,7 +36,7 @@ _DRAWS = 400
 
 @dataclass(frozen=True)
 class Suspect:
-    """An explanation that is open: a law of a place or a cause, in words of neither; share of the evidence; place:
+    """An remaining explanation: a law of a place or a cause, in words of neither; share of the evidence; place:
     number of the answer that it belongs to."""
 
     law: PlaceMotion | Cause
@@ -151,7 +151,7 @@ class Explanations:
 
     @cached_property
     def shown(self) -> Array:
-        """What each foretells of the visits (N, w, H)."""
+        """What each predicts of the visits (N, w, H)."""
         return np.stack([F @ t for F, t in zip(self.visits, self.theta, strict=True)], axis=-1)
 
     @cached_property

@@ -50,7 +50,7 @@ three that were written all did harm at fresh poses. At 40 poses a true one is a
 _CURVE = 61
 """Points of a curve."""
 _COMES = 1.0
-"""rad over which a curve shows the way by which a joint came: from far, it makes hardly a difference how far."""
+"""rad over which a curve shows the direction of approach: from far, it makes hardly a difference how far."""
 _TELLS = 0.2
 """Share of the largest torque under which a visit tells a law that grows with the torque."""
 
@@ -166,7 +166,7 @@ class Curve:
 
 
 def curve(learned: LearnedLaw, robot: RobotFacts) -> Curve | None:
-    """The law over the range that the readings have: over its angle, the order or the way by which the joint came where
+    """The law over the range that the readings have: over its angle, the order or the direction of approach where
     there is one, under the largest torque, else over the torque; None for one that no single curve shows."""
     effect: Any = learned.cause.effects[-1]
     law = learned.leftover.law

@@ -59,7 +59,7 @@ _NEAR = 6.0
 @dataclass(frozen=True, kw_only=True)
 class Remaining:
     """What the names leave and where it may be, by name the law that stands in its place as well, those that cannot
-    stand beside theirs, what can be learned and how well a choice among laws foretells, and how places compete."""
+    stand beside theirs, what can be learned and how well a choice among laws predicts, and how places compete."""
 
     leftovers: tuple[Leftover, ...] = ()
     places: tuple[LikelyPlace, ...] = ()

@@ -125,7 +125,7 @@ class NamedCause:
 
 
 def left_open(findings: Sequence[NamedCause], leftovers: Sequence[Leftover]) -> bool:
-    """Whether something acts of which the readings do not say what it is."""
+    """Whether an effect is present that the readings do not name."""
     return bool(leftovers) or any(f.doubtful or f.open_alternative for f in findings)
 
 
@@ -146,7 +146,7 @@ class Alike:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LearnedLaw:
-    """The average of the likeliest laws where no cause of the library explains the readings.
+    """The average of the likeliest laws where no known effect explains the readings.
 
     causes: effects and weights of the laws, the plainest first, and their shares; leftover: the evidence of the
     plainest; s: visible size in units of noise; alone: the exact fit with the plainest, beside the certain names; fit:
@@ -299,7 +299,7 @@ class Diagnosis(Viewed):
 
     @property
     def open(self) -> bool:
-        """Whether something acts of which these readings do not say what it is."""
+        """Whether an effect is present that these readings do not name."""
         return left_open(self.findings, self.leftovers)
 
     @property

@@ -12,7 +12,7 @@ from qsframework.hypotheses.search.model_selection import Library
 _MISFIT = 1e-3
 """p-value of the lack of fit below which no name is final; the noise has been audited before."""
 MANY = 8
-"""Kinds of alternatives beyond which a name is no explanation: something acts, and the readings do not say what."""
+"""Kinds of alternatives beyond which a name is no explanation: the readings do not name the effect."""
 
 
 def ambiguous(library: Library, findings: Sequence[NamedCause]) -> bool:

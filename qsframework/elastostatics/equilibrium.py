@@ -73,7 +73,7 @@ def cartesian_stiffness(model: Structure, poses: Poses) -> Array:
     scale = np.sqrt(np.abs(np.einsum("ncc->nc", compliance)))
     scaled = compliance / np.maximum(scale[:, :, None] * scale[:, None, :], 1e-300)
     if np.any(np.linalg.cond(scaled) > _SINGULAR):
-        raise InputError("a direction at the tip does not give at all; add springs or use the compliance")
+        raise InputError("in one direction the tip is rigid; add springs or use the compliance")
     return np.asarray(np.linalg.inv(compliance), dtype=np.float64)
 
 

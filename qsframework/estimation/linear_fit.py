@@ -129,7 +129,7 @@ class LinearFit:
 
     def misfits(self, label: Indices, count: int) -> Array:
         """Squares (count,) of the errors of blocks labelled 0 to count - 1 against the fit without each, in units of
-        the noise and of what foretells them, whether they were used or not."""
+        the noise and of what predicts them, whether they were used or not."""
         used = np.ones(len(label), dtype=bool) if self.used is None else self.used
         inside = LinearFit(self.Q * used[:, None], self.white * used, self.noise).held_out(np.where(used, label, -1))
         out = np.zeros(count)

@@ -42,7 +42,7 @@ class Interval(FileRecord):
     """A profile interval, SI: all values of one parameter at which the best fit of the others is not much worse.
 
     An end at the parameter's bound is that bound, for the readings allow all up to it.
-    linear: the ends by the covariance alone, value +- t sd; where the two differ, the model bends
+    linear: the ends by the covariance alone, value +- t sd; where the two differ, the model is nonlinear
     """
 
     name: str

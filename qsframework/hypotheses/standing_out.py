@@ -1,4 +1,4 @@
-"""Visits of the arm whose readings stand out from a fit to those that agree, and what that fit foretells of others.
+"""Visits of the arm whose readings stand out from a fit to those that agree, and what that fit predicts of others.
 
 A mistake in one row spoils a fit of all rows: least absolute errors say first which visits most others agree on, then
 visits come and go by their errors against the least squares of those that stay.
@@ -83,7 +83,7 @@ class Standing:
         return np.where(mask, error / size, 0.0), np.where(mask[..., None], P, 0.0)
 
     def missed(self, readings: Readings) -> Array:
-        """Errors (R, 3) of all rows of other readings as `foretold` has them, without what foretells them: faster."""
+        """Errors (R, 3) of all rows of other readings as `foretold` has them, without what predicts them: faster."""
         rows, places = self._rows_of(readings, np.arange(len(readings)))
         step = _STEP * scales(list(self.seen.parameters)) * self.z
         there = [self._predicted(rows, places, sign * step) for sign in (1.0, -1.0)]

@@ -73,7 +73,7 @@ def _spring(model: Model, effect: Spring, coordinate: int, poses: Poses) -> str:
     if share > _MUCH:
         return f"the readings load {who} as much as their {what} can; repeat them, or measure more poses like the best"
     return (
-        f"the readings load {who} with at most {100 * share:.0f} % of what their {what} could; repeat them, raise the "
+        f"{who} reaches only {100 * share:.0f} % of the torque these {what} allow; repeat them, raise the "
         f"load, or add {pull} where its lever about {who} is longest"
     )
 

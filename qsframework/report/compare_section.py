@@ -89,16 +89,16 @@ def compare_sections(result: Comparison) -> tuple[Section, ...]:
             [r.deflection * 1e3 for r in result.robots],
             "mm",
             "Deflection under the map's force",
-            "All maps share one colour scale, in powers of ten: darker gives more; grey cells are not reached with the "
-            "tool pointing that way. Look for robots that are dark where the work (crosses) is, and for jumps, where "
-            "the arm changes its posture.",
+            "All maps share one colour scale, in powers of ten: darker deflects more; grey cells are not reached "
+            "with the tool pointing that way. Look for robots that are dark where the work (crosses) is, and for "
+            "jumps, where the arm changes its posture.",
         ),
         _map(
             result,
             [r.softest * 1e-6 for r in result.robots],
             "N/um",
             "Stiffness in the softest direction",
-            "The force per micrometre in the direction that gives most, in powers of ten. Darker is stiffer. Look at "
+            "The force per micrometre in the most compliant direction, in powers of ten. Darker is stiffer. Look at "
             "the smallest value in the part of the workspace that the task needs.",
         ),
     )
@@ -125,7 +125,7 @@ _PATH = (
 
 
 def path_view(result: Comparison) -> SceneView:
-    """Each robot where it gives most along the path."""
+    """Each robot where it deflects most along the path."""
     moved = [r.task for r in result.robots]
     scene = task_scene([r.robot for r in result.robots], [r.pendant for r in result.robots], moved, result.task.points)
     header = ("point", "x, m", "y, m", "z, m", *(f"{r.robot.name}, mm" for r in result.robots))
@@ -133,7 +133,7 @@ def path_view(result: Comparison) -> SceneView:
     columns = [list(range(1, len(points) + 1)), *points.T.tolist(), *((1e3 * m).tolist() for m in moved)]
     return SceneView(
         scene.html(),
-        "The slider goes through the robots, each at the point of the path (blue) where it gives most (red). Look how "
+        "The slider goes through the robots, each at the point of the path (blue) of largest deflection (red). See how "
         "far the arm is stretched there: a workpiece nearer to the base would move less.",
         row_table(header, columns, "How far the tool moves under the task's force, uncorrected; -: not reached."),
     )

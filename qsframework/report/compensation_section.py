@@ -73,7 +73,7 @@ def compensation_section(result: Compensation) -> Section:
     )
     caption = (
         "Diamonds: the distance from the target without a correction; circles: expected after it, on a logarithmic "
-        "scale. Look for targets whose circle is not much lower than the diamond: there the fit knows too little, and "
+        "scale. Look for targets whose circle is not much lower than the diamond: there the fit is too uncertain, and "
         "more readings near that pose would help."
     )
     worst = result.worst

@@ -111,7 +111,7 @@ def budget_figure(diagnosis: Diagnosis) -> Figure:
     return Figure(
         figure,
         "Bars: the held-out error, from the nominal to the extended model; the number is what is left after "
-        "each step. Look for bars that become visibly shorter: these causes earn their place; what stays above the "
+        "each step. Look for bars that become visibly shorter: these causes reduce the error; what stays above the "
         "dotted line is still unexplained. Diamonds far below the bars would say that the model follows the noise.",
         row_table(
             ("3D RMS", "held-out, mm", "on the readings, mm"),

@@ -37,7 +37,7 @@ _EVIDENCE = (
     "nearest alternative, angle",
     "status",
 )
-_BESIDE = ("nearest, angle", "beside the named ones at most (95 %)")
+_BESIDE = ("nearest, angle", "upper limit given the named causes (95 %)")
 
 
 def verdict_groups(diagnosis: Diagnosis, day: FollowUp | None = None) -> tuple[tuple[str, Lines], ...]:
@@ -94,7 +94,7 @@ def doubtful_table(diagnosis: Diagnosis) -> ReportTable:
 
 
 def alone_table(diagnosis: Diagnosis) -> ReportTable:
-    """Causes that are plain by themselves and show nothing beside the named ones."""
+    """Causes that are plain by themselves and show nothing given the named ones."""
     alone = diagnosis.plain_alone
     rows = tuple(
         (
@@ -178,7 +178,7 @@ def all_causes_table(diagnosis: Diagnosis) -> ReportTable:
     return ReportTable(
         ("cause", "status", "s", "adjusted p", "bound, 95 %", "nearest alternative, angle"),
         rows,
-        "Excluded above: a cause larger than this would have shown in these readings beside the named ones. Invisible "
+        "Excluded above: a cause larger than this would have shown in these readings given the named ones. Invisible "
         "here: the fitted parameters absorb it, or no reading depends on it; nothing is said about it.",
     )
 
@@ -192,7 +192,7 @@ def excluded_table(diagnosis: Diagnosis, short: bool = False) -> ReportTable:
         ("no", "above (95 %)"),
         tuple((kind, "; ".join(bounds)) for kind, bounds in kinds.items()),
         "What these readings would have shown. It is not a statement about smaller ones.",
-        folded=_many(f"{len(excluded)} causes are excluded above a size: {excluded_words(diagnosis)}", len(excluded)),
+        folded=_many(f"upper limits (95 %) for {len(excluded)} effects: {excluded_words(diagnosis)}", len(excluded)),
     )
 
 
@@ -211,7 +211,7 @@ def unseen_table(diagnosis: Diagnosis) -> ReportTable:
     kinds = grouped(((kind, why), where) for kind, where, why in named)
     rows = [(kind, ", ".join(w for w in places if w) or "-", why) for (kind, why), places in kinds.items()]
     return ReportTable(
-        ("nothing is said about", "at", "because"),
+        ("not observable", "at", "because"),
         tuple(rows),
         "Invisible here: the fitted parameters absorb it, or no reading depends on it. What needs a column was not "
         "tested: record it, and it is.",
@@ -222,7 +222,7 @@ def unseen_table(diagnosis: Diagnosis) -> ReportTable:
 def _unseen_words(unseen: Sequence[Line]) -> str:
     """How many causes nothing is said about, and which columns would change that."""
     untested = [x for x in unseen if x.status is Status.UNTESTED]
-    said = f"{len(unseen) - len(untested)} causes are invisible in these readings, so nothing is said about them"
+    said = f"{len(unseen) - len(untested)} effects are not observable with these data"
     if untested:
         needs = ", ".join(sorted({n for x in untested for n in x.needs}))
         said += f"; {len(untested)} were not tested: they need {needs}"
@@ -299,9 +299,9 @@ def suspect_table(found: FollowUp) -> ReportTable:
     """What the first day leaves open, and a second one is to settle."""
     rows = tuple((suspect_words(s), f"{100 * s.share:.0f} %") for s in found.suspects[:_STRONGEST])
     return ReportTable(
-        ("explanation that is open", "share of the evidence"),
+        ("remaining explanation", "share of the evidence"),
         rows,
-        "The visits are chosen so that these explanations foretell readings as different as they can be.",
+        "The visits are chosen so that these explanations predict readings as different as possible.",
     )
 
 

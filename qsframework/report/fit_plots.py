@@ -128,7 +128,7 @@ def distribution_figure(sizes: dict[str, Array]) -> Figure:
     return Figure(
         figure,
         "How many readings have an error below a value. Look at where a curve ends (star) and at 95 % (square): the "
-        "largest errors are what a part is scrapped for.",
+        "tail decides about scrap.",
         ReportTable(("3D error, mm", "readings", "mean", "RMS", "95 %", "max"), tuple(rows)),
     )
 

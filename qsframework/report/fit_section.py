@@ -105,7 +105,7 @@ def interval_tables(fit: Fit) -> tuple[ReportTable, ...]:
     header = ("parameter", "level", "from", "to", "value - t sd", "value + t sd", "unit")
     caption = (
         "Profile intervals: within them the best fit of the other parameters is not significantly worse. Where they "
-        "differ from value ± t sd, the model bends, and they are the ones to quote; an end at a bound is that bound."
+        "differ from value ± t sd, the model is nonlinear: quote the intervals. An end at a bound is that bound."
     )
     return (ReportTable(header, tuple(rows), caption),)
 
@@ -121,7 +121,7 @@ def masked_blocks(fit: Fit) -> tuple[Block, ...]:
         blocks.append(ReportTable(header, tuple(_masked(m) for m in fit.cleaned), caption))
     gross = [m for m in fit.gross if m.unused]
     if gross:
-        caption = "Rows that stand twice, and outliers under the fitted and a richer model: masked by the fit itself."
+        caption = "Duplicate rows, and outliers under the fitted and a richer model: masked by the fit itself."
         blocks.append(ReportTable(header, tuple(_masked(m) for m in gross), caption))
     blocks += [Text(m.words + ".") for m in fit.gross if not m.unused]
     return tuple(blocks)

@@ -136,7 +136,7 @@ def plan_view(experiment: Experiment, plan: Plan) -> SceneView:
         show_scene(experiment, plan).html(),
         "Drag to turn, scroll to zoom; the slider goes through the poses in their order, the others are ghosts. Red "
         "arrow: the load; blue: the markers; transparent arm: the deflection, 100 times exaggerated; orange: where the "
-        "load point goes under the largest force in any direction. Look for poses that give in different directions.",
+        "load point goes under the largest force in any direction. Look for poses that deflect in different ways.",
         pose_table(plan, experiment.robot.controller.units),
         plan.pose,
     )

@@ -21,7 +21,7 @@ _LOOK = (
 )
 _SCENE = (
     "The arm at every pose of the plan; transparent: deflected, 100 times exaggerated, by the full equilibrium at the "
-    "simulation's parameters. Look for poses in which another part of the arm gives than in most."
+    "simulation's parameters. Look for poses in which another part of the arm deflects than in most."
 )
 
 

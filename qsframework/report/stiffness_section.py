@@ -31,15 +31,15 @@ def stiffness_tables(result: Stiffness) -> list[ReportTable]:
 
 
 def deflection_words(result: Stiffness) -> str:
-    """How far the load point moves, and by how much the linear model errs; without a load, what K_C is."""
+    """How far the load point moves, and the linearisation error; without a load, what K_C is."""
     moved = np.any(result.full) or np.any(result.rotation)
     text = (
         "No load: K_C is that of the arm under its own weight."
         if not moved
         else f"The load point moves by {np.linalg.norm(result.full) * 1e3:.4f} mm and turns by "
-        f"{np.linalg.norm(result.rotation) * 1e3:.4f} mrad. The linear model errs by "
-        f"{100 * result.linear_error:.3f} % of that."
+        f"{np.linalg.norm(result.rotation) * 1e3:.4f} mrad. Linearisation error: "
+        f"{100 * result.linear_error:.3f} %."
     )
     if result.stiffness() is None:
-        text += " A direction at the tip does not give at all, so there is no finite K_C."
+        text += " In one direction the tip is rigid, so there is no finite K_C."
     return text

@@ -31,7 +31,7 @@ from qsframework.screening.mistake import FILES, Mistake
 _MOST = 6
 """Mistakes of one file that are looked for."""
 _HIDES = 2.0
-"""Noise that the visits show, in sds as stated, from which something acts at all of them."""
+"""Noise that the visits show, in sds as stated, from which an effect is present at all of them."""
 _LONG = 5_000
 """Rows from which a model with geometry costs too much here."""
 _TESTED = 4

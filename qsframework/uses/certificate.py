@@ -53,7 +53,7 @@ class DeviceSpec(FileModel):
 
 
 class MetaSpec(FileModel):
-    """meta.yaml: what no reading says. Everything may be left out, and is then printed as not stated."""
+    """meta.yaml: what no reading says. Everything may be left out, and is then left blank."""
 
     calibration: PartySpec = PartySpec()
     robot: DeviceSpec = DeviceSpec()
@@ -232,11 +232,11 @@ def _causes(experiment: Experiment, found: Diagnosis, anyway: bool) -> tuple[str
     if found.learned is not None and found.learned.holds:
         before, after = (f"{1e3 * found.rms.in_space(e):.3f} mm" for e in (found.learned.before, found.learned.heldout))
         notes.append(
-            f"something acts that no cause of the library explains; with a law that is learned of it, the held-out "
+            f"an unexplained effect remains; with an empirical correction, the held-out "
             f"error (3D RMS) is {after} instead of {before}"
         )
     elif found.leftovers:
-        notes.append("the readings hint at a law that no cause of the library explains")
+        notes.append("the readings hint at an unexplained effect")
     return tuple(notes)
 
 

@@ -230,7 +230,7 @@ def campaign_of(robot: Robot, task: Task, tool: ReachTool) -> Experiment:
 def _map(
     robot: Robot, model: Model, tool: ReachTool, task: Task, seed: int, free: Free
 ) -> tuple[Array, Array, int, tuple[str, ...]]:
-    """Deflection (C,) m, the stiffness (C,) N/m in the direction that gives most, the cells that are reached only by
+    """Deflection (C,) m, the stiffness (C,) N/m in the most compliant direction, the cells that are reached only by
     touching, and what is asked beyond where a law holds."""
     z, x = (a.ravel() for a in np.meshgrid(task.map_z, task.map_x, indexing="ij"))
     points = np.stack([x, np.full(len(x), task.map_y), z], axis=1)
@@ -289,7 +289,7 @@ def _notes(robot: Robot, task: Task, found: Reached, touching: int) -> tuple[str
         touch = " without touching itself or the floor" if (found.blocked & ~reached).any() else ""
         notes.append(f"does not reach point {missed} of the path in this direction{touch}")
     if touching:
-        notes.append(f"{touching} cells of the map would be reached if the arm could touch itself or the floor")
+        notes.append(f"{touching} cells of the map excluded for collision with the arm itself or the floor")
     if not robot.shapes:
         notes.append("its URDF has no simple solids: nothing was checked for collisions")
     if robot.payload is None:
@@ -306,5 +306,5 @@ def _notes(robot: Robot, task: Task, found: Reached, touching: int) -> tuple[str
             f"with identified values of {', '.join(dict.fromkeys(s.removeprefix('identified: ') for s in sources))}"
         )
     if assumed := dict.fromkeys(p.name.split("[")[0] for p in robot.parameters if p.source.startswith("assumed")):
-        notes.append(f"values assumed, not measured: {', '.join(assumed)}; what is said of the robot is no better")
+        notes.append(f"values assumed, not measured: {', '.join(assumed)}; results rest on these values")
     return tuple(notes)

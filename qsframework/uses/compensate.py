@@ -328,17 +328,15 @@ def arm_values(experiment: Experiment, fit: FitRecord) -> Array:
 
 
 def fit_notes(experiment: Experiment, fit: FitRecord, exact: Sequence[str]) -> tuple[str, ...]:
-    """What the expected errors do not say, and what was not checked; exact: names of what counts as known exactly."""
+    """What the expected errors do not say, and what was not checked; exact: names of what is treated as exact."""
     notes: list[str] = []
     if experiment.robot.payload is None:
         notes.append("robot.yaml states no payload_kg: the forces were not checked against it")
     known = [n for n, sd in zip(fit.names, fit.sd, strict=True) if not np.isfinite(sd)]
     if known:
-        notes.append(f"counted as known exactly, for the fit quotes no sd: {', '.join(known)}")
+        notes.append(f"treated as exact, for the fit quotes no sd: {', '.join(known)}")
     if exact:
-        notes.append(
-            f"held at nominal values and counted as known exactly, for nobody states their sd: {some_of(exact)}"
-        )
+        notes.append(f"treated as exact at their nominal values (no uncertainty stated): {some_of(exact)}")
     if experiment.has_load and fit.total_covariance is None:
         notes.append(
             "the fit states no uncertainty of its load (load_uncertainty in experiment.yaml): counted as exact"

@@ -180,8 +180,8 @@ def tool_of(robot: Robot, length: float) -> ReachTool:
 
 @dataclass(frozen=True, eq=False)
 class Reached:
-    """Pendant angles (N, n) rad, which of N points are reached, and which would be if the arm could touch itself or
-    the floor."""
+    """Pendant angles (N, n) rad, which of N points are reached, and which would be if contact with itself or
+    the floor did not count."""
 
     pendant: Array
     good: Flags

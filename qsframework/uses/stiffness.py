@@ -47,7 +47,7 @@ class Stiffness(Viewed):
         return float(np.linalg.norm(self.full - self.linear)) / whole if whole > 0.0 else 0.0
 
     def stiffness(self, with_load: bool = True) -> Array | None:
-        """K_C (6, 6), None where a direction does not give at all."""
+        """K_C (6, 6), None where the tip is rigid in one direction."""
         compliance = self.compliance if with_load else self.compliance_without_load
         scale = np.sqrt(np.maximum(np.abs(np.diag(compliance)), 1e-300))
         if np.linalg.cond(compliance / np.outer(scale, scale)) > 1e13:

@@ -36,7 +36,7 @@ def test_the_hidden_effect_is_named_extended_and_simulated(ran: tuple[Path, str]
     assert abs(value["value"] - TRUTH) < 3 * value["sd"]
     assert found["error_mm"]["heldout_extended"] < 0.8 * found["error_mm"]["heldout_identified"]
     assert "joint_hardening[joint_3]" in report.read_text()
-    for words in ("urad/(kN m)^3", "no", "excluded above a size", "not tested", "`--verbose`"):
+    for words in ("urad/(kN m)^3", "no", "upper limits (95 %)", "not tested", "`--verbose`"):
         assert words in output
 
     extended = load_experiment(out / "experiment.yaml")
@@ -126,7 +126,7 @@ def test_a_second_day_is_in_json_and_report(ran: tuple[Path, str]) -> None:
     assert "5 visits bring the chance of naming the right place" in " ".join(output.split())
     text = report.read_text()
     assert "A second day" in text
-    assert "explanation that is open" in text
+    assert "remaining explanation" in text
     assert output.index("plan: ") < output.index("diagnosis: ")
 
 

@@ -43,4 +43,4 @@ def test_an_empty_folder_is_looked_at_once(root: Path, tmp_path: Path) -> None:
     done = subprocess.run(
         [*command, "--watch", "exports"], cwd=tmp_path, capture_output=True, text=True, timeout=600, check=True
     )
-    assert "exports: no file lies there" in done.stdout
+    assert "exports: the folder is empty" in done.stdout

@@ -319,7 +319,7 @@ def test_what_is_typed_decides_as_the_page_does(folder: Path) -> None:
     assert "corrected as proposed." in said
     assert "kept as it is." in said
     assert "to be read again." in said
-    assert "'nonsense' answers nothing that was asked" in said
+    assert "'nonsense' is not an answer to the question" in said
     after = begin(experiment, plan, folder / "day", cell.SHORT)
     assert [after.record.states[Slot(4, k)].said for k in range(2)] == ["corrected", "kept"]
     assert after.next == Slot(4, 2)

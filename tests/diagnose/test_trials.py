@@ -119,7 +119,7 @@ def test_where_nothing_is_certain_the_places_are_ranked(tmp_path: Path) -> None:
     assert (found.verdict, found.findings, found.leftovers) == ("none", (), ())
     assert headline(found).startswith("Nothing is certain: the model fits within the noise")
     said = diagnosis_words(found)
-    assert re.search(r"Most likely places, if something acts: .*the drive of j3 \(\d+ %\)", said), said
+    assert re.search(r"Most likely places of an effect, if there is one: .*the drive of j3 \(\d+ %\)", said), said
     assert diagnosis_json(found)["places"]
     assert len(follow_up(found, 3, candidates=30).plan.pose) == 3
     assert not quiet(0).places

@@ -69,7 +69,7 @@ def test_the_verdict_is_one_sentence_with_all_that_matters(real: Diagnosis) -> N
     assert said.startswith("Partly explained by offaxis_compliance[joint_4/z], load_point_offset and tracker_frame: ")
     before, after = (1e3 * 3**0.5 * e for e in (real.rms.heldout_identified, real.rms.heldout_extended))
     assert f"{before:.3f} \u2192 {after:.3f} mm, {100 * real.rms.heldout_gain:.0f} % less (3D RMS" in said
-    assert "something moves link_3 with the torque there (or the drive of joint_1)" in said
+    assert "an error at link_3 that depends on the torque there (or the drive of joint_1)" in said
     assert "; check first: play of the main bearing" in said
     assert re.findall(r"\.(?= |$)", said) == ["."], "one sentence"
     assert diagnosis_words(real).startswith(said)
@@ -126,8 +126,8 @@ def test_long_lists_are_counted_and_folded(real: Diagnosis, tmp_path, capsys) ->
     short = capsys.readouterr().out
     print_diagnosis(real, None, verbose=True)
     long = capsys.readouterr().out
-    assert "causes are excluded above a size: no " in short
-    assert "causes are invisible in these readings, so nothing is said about them" in short
+    assert "effects: no " in short
+    assert "effects are not observable with these data" in short
     hidden = [x.name for x in real.table if x.status is Status.INVISIBLE]
     assert len(hidden) > FOLDED
     assert "`--verbose` lists them all." in short
@@ -151,32 +151,44 @@ def test_few_names_are_not_folded(real: Diagnosis) -> None:
     [
         (
             Law("link", "link_2", ("torque",)),
-            "something moves link_2 with the torque there",
+            "an error at link_2 that depends on the torque there",
             "Measure some poses under half the load",
         ),
-        (Law("drive", "joint_1", ("came",)), "with the way by which the joint came", "Approach some"),
-        (Law("drive", "joint_1", ("loaded", "came")), "joint came, once a load hangs", "Approach some"),
-        (Law("link", "link_2", ("order",), "ry"), "something moves link_2 about y with the order", "Measure the first"),
-        (Law("shift", "base", ("order",), "z"), "something moves base along z with the order", "Measure the first"),
+        (Law("drive", "joint_1", ("came",)), "that depends on the direction of approach of the joint", "Approach some"),
+        (
+            Law("drive", "joint_1", ("loaded", "came")),
+            "depends on the direction of approach, once a load hangs",
+            "Approach some",
+        ),
+        (
+            Law("link", "link_2", ("order",), "ry"),
+            "an error at link_2 about y that depends on the order",
+            "Measure the first",
+        ),
+        (
+            Law("shift", "base", ("order",), "z"),
+            "an error at base along z that depends on the order",
+            "Measure the first",
+        ),
         (
             Law("readings", "", ("loaded", "joint_2")),
-            "all readings move with the angle of joint_2 (once a load hangs)",
+            "an error of all readings that depends on the angle of joint_2 (once a load hangs)",
             "Measure 6 more poses",
         ),
-        (Law("shift", "base", ("order",)), "something moves base with the order", "Measure the first"),
-        (Law("drive", "joint_1", ("always",)), "by a constant amount", "Take some unloaded readings twice"),
+        (Law("shift", "base", ("order",)), "an error at base that depends on the order", "Measure the first"),
+        (Law("drive", "joint_1", ("always",)), "that is constant", "Take some unloaded readings twice"),
         (
             Law("bearing", "joint_1", ("torque", "joint_1+joint_2")),
-            "moves the bearing of joint_1 with the torque there and the angle of joint_1 and joint_2 together",
+            "at the bearing of joint_1 that depends on the torque there and the angle of joint_1 and joint_2 together",
             "Measure 6 more poses",
         ),
-        (Law("marker", "m1", ("loaded",)), "marker m1 by a constant amount once a load hangs", "Take some unloaded"),
-        (Law("load", "tool", ("force",)), "the load differs from what was said with the force", "Measure some poses"),
-        (Law("load", "tool", ("direction",)), "the load differs from what was said", "Pull in other directions"),
-        (Law("shift", "tool", ("moment",)), "something moves tool with the moments there", "Measure some poses"),
+        (Law("marker", "m1", ("loaded",)), "marker m1 that is constant once a load hangs", "Take some unloaded"),
+        (Law("load", "tool", ("force",)), "an error of the load that depends on the force", "Measure some poses"),
+        (Law("load", "tool", ("direction",)), "an error of the load that", "Pull in other directions"),
+        (Law("shift", "tool", ("moment",)), "an error at tool that depends on the moments there", "Measure some poses"),
         (
             Law("point", "tool", ("attitude",)),
-            "the point where the load acts differs from what was said with where gravity points",
+            "an error of the point where the load acts that depends on where gravity points",
             "Measure 6 more poses",
         ),
     ],
@@ -198,7 +210,7 @@ def test_all_places_are_told_where_it_may_be(real: Diagnosis) -> None:
     for count, words in enumerate(said):
         places = tuple(LikelyPlace(x, 1.0 / (count + 1)) for x in (law, *other)[: count + 1])
         found = replace(real, leftovers=(Leftover(law, 1e-9, 20.0),), places=places)
-        moves = f"something moves the bearing of joint_6 about x with where gravity points{words}, which"
+        moves = f"an error at the bearing of joint_6 about x that depends on where gravity points{words}"
         assert moves in headline(found)
         told = "the bearing of joint_6 about x (50 %) from link_6 (50 %): in brackets the share of the evidence"
         assert (told in diagnosis_words(found)) == (count == 1)
@@ -212,7 +224,7 @@ def test_places_of_the_same_motion_are_told_and_what_differs_at_each_visit(real:
     place = LikelyPlace(law, 1.0, 2.1e-5, (Law("link", "base", ()), Law("link", "link_1", ())))
     found = replace(real, findings=(), verdict="unexplained", leftovers=(Leftover(law, 1e-3, 6.0),), places=(place,))
     said = diagnosis_words(found)
-    assert "something moves the drive of joint_1 differently at each visit" in headline(found)
+    assert "an error at the drive of joint_1 that differs at each visit" in headline(found)
     assert "it moves by 21 urad (1 sigma), otherwise at each visit" in said
     assert "Equivalent places: base and link_1. A reflector or a gauge" in said
     assert "Repeat 6 poses, each twice" in said
@@ -231,7 +243,10 @@ def test_the_likeliest_place_is_told_where_it_is_not_that_of_the_likeliest_law(r
             leftovers=(Leftover(law, 1e-9, 20.0),),
             places=tuple(LikelyPlace(x, 1.0 / len(places)) for x in places),
         )
-        assert "moves link_6 along z with the torque there (or the drive of joint_5), which" in headline(found)
+        assert (
+            "at link_6 along z that depends on the torque there (or the drive of joint_5) remains unexplained"
+            in headline(found)
+        )
 
 
 def test_one_marker_a_visit_is_said_with_what_it_hides(real: Diagnosis) -> None:
@@ -284,8 +299,8 @@ def test_what_acts_in_the_place_of_an_open_name_is_said_with_its_shares(real: Di
     named = replace(real.findings[0], alternatives=(), instead=Leftover(law, float("nan"), 2.0))
     places = (LikelyPlace(law, 0.7), LikelyPlace(Law("bearing", "joint_5", ()), 0.3, 2e-5))
     found = replace(real, verdict="partly_explained", findings=(named,), leftovers=(), places=places)
-    moves = "something moves the drive of joint_4 with the torque there"
-    assert f"it may as well be that {moves} (or the bearing of joint_5)" in headline(found)
+    moves = "an error at the drive of joint_4 that depends on the torque there"
+    assert f"it may as well be {moves} (or the bearing of joint_5)" in headline(found)
     said = diagnosis_words(found)
     assert f"If it is no cause of the library, most likely {moves}." in said
     assert "from the bearing of joint_5 (30 %)" in said

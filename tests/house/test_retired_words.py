@@ -14,7 +14,14 @@ import yaml
 ROWS: list[dict[str, Any]] = yaml.safe_load((Path(__file__).parent / "retired.yaml").read_text())
 EXCEPTIONS: dict[str, str] = {}
 """A file, or a file and the words in it, with the reason: `path` or `path: words`."""
-PAGES = ("README.md", "docs/*.md", "examples/*/*.md", "robots/*/*.md", "qsframework/report/templates/*")
+PAGES = (
+    "README.md",
+    "docs/*.md",
+    "examples/*/*.md",
+    "robots/*/*.md",
+    "qsframework/report/templates/*",
+    "plugins/qsf_day/templates/*",
+)
 
 
 def _documented(tree: ast.AST) -> set[int]:
@@ -24,12 +31,13 @@ def _documented(tree: ast.AST) -> set[int]:
     return {id(s) for s in said}
 
 
-def _sentences(tree: ast.AST) -> Iterator[str]:
-    """Texts of the code that are no docstrings: what is printed, written or drawn, and the names of its files' keys."""
+def _sentences(tree: ast.AST) -> Iterator[tuple[str, bool]]:
+    """Texts of the code: what is printed, written or drawn, the names of its files' keys, and whether it is a
+    docstring."""
     docs = _documented(tree)
     for n in ast.walk(tree):
-        if isinstance(n, ast.Constant) and isinstance(n.value, str) and id(n) not in docs:
-            yield n.value
+        if isinstance(n, ast.Constant) and isinstance(n.value, str):
+            yield re.sub(r"\s+", " ", n.value), id(n) in docs
 
 
 def _names(tree: ast.AST) -> Iterator[str]:
@@ -51,11 +59,13 @@ def _parts(name: str) -> str:
 def _found(root: Path) -> Iterator[tuple[str, str, str]]:
     """Where a retired word stands: file, the words, the term in its place."""
     phrases = [(re.compile(p), row["term"]) for row in ROWS for p in row["phrases"]]
+    anywhere = [(re.compile(p), row["term"]) for row in ROWS for p in row["phrases"] if row.get("docstrings")]
     names = [(n, row["term"]) for row in ROWS for n in row["names"]]
-    for path in sorted((root / "qsframework").rglob("*.py")):
+    for path in sorted([*(root / "qsframework").rglob("*.py"), *(root / "plugins").rglob("*.py")]):
         tree, file = ast.parse(path.read_text()), path.relative_to(root).as_posix()
-        for said in _sentences(tree):
-            yield from ((file, m[0], term) for pattern, term in phrases for m in pattern.finditer(said))
+        for said, documented in _sentences(tree):
+            asked = anywhere if documented else phrases
+            yield from ((file, m[0], term) for pattern, term in asked for m in pattern.finditer(said))
         for name in _names(tree):
             yield from ((file, name, term) for old, term in names if f"_{old}_" in _parts(name))
     for path in sorted(p for pattern in PAGES for p in root.glob(pattern)):

@@ -191,7 +191,10 @@ def test_rows_without_sight_are_left_out_and_counted(kind: str, campaign: Campai
     rows[7][2:5] = blind
     printed, advice = followed(campaign, vicon(campaign, rows))
     assert advice == ["--match", "order"]
-    assert "2 points without sight are not used: vicon.csv, line 6 (arm:m2); vicon.csv, line 13 (arm:m1)" in printed
+    assert (
+        "2 points with no line of sight are not used: vicon.csv, line 6 (arm:m2); vicon.csv, line 13 (arm:m1)"
+        in printed
+    )
     assert "2 readings of the plan have no point" in printed
     the_same(without(campaign, 1, 14))
 
@@ -201,7 +204,7 @@ def test_a_point_that_was_lost_and_read_again_is_one(campaign: Campaign) -> None
     head, first, *others = path.read_text().splitlines(keepends=True)
     path.write_text("".join([head, f"{campaign.readings[0].name},---,---,---\n", first, *others]))
     printed, _ = followed(campaign, path)
-    assert "1 points without sight are not used: points.csv, line 2" in printed
+    assert "1 points with no line of sight are not used: points.csv, line 2" in printed
     the_same(campaign)
 
 

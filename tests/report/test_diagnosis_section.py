@@ -75,7 +75,7 @@ def test_the_report_is_whole_and_offline(page: Path) -> None:
         "adjusted p",
         "urad/(kN m)^3",
         "were not tested",
-        "are invisible in these readings",
+        "effects are not observable with these data",
     ):
         assert words in text, words
     inner = Page()

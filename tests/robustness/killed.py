@@ -209,7 +209,7 @@ WRITING = (
     "demo -o out/demo --json out/demo.json",
 )
 """Every command that writes, on the files of command_lines.prepared."""
-_STOPPED = "stopped: the files written so far are whole"
+_STOPPED = "Interrupted. No partial files were left."
 _NOT_TWICE, _GROWS = ("new",), ("day",)
 """`new` overwrites no folder; a day's folder grows reading by reading, and goes on."""
 

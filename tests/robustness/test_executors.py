@@ -359,7 +359,7 @@ def stop_at_work(tmp_path: Path, where: str, number: str, before: float, busy: l
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=600)
     assert process.returncode == 130, said
-    assert said == "stopped: the files written so far are whole\n"
+    assert said == "Interrupted. No partial files were left.\n"
     assert not (tmp_path / "p.csv").exists()
     assert bool(own) == (where == "--jobs")
     wait_for_the_end(own)

@@ -148,7 +148,7 @@ def test_a_killed_command_leaves_old_or_new_files(trials: list[dict[str, Any]], 
             assert not trial["stale"], trial
             assert trial["code"] in (0, 130), trial
             if trial["code"] == 130:
-                assert trial["said"].splitlines()[-1] == "stopped: the files written so far are whole"
+                assert trial["said"].splitlines()[-1] == "Interrupted. No partial files were left."
         else:
             assert trial["code"] in (0, -signal.SIGKILL)
             assert all(".qsf-part" in name for name in trial["stale"]), trial
@@ -176,7 +176,7 @@ def test_the_command_line_itself(tmp_path: Path, number: signal.Signals, code: i
         process.send_signal(number)
         said = process.stderr.read()
         assert process.wait(timeout=600) == code, said
-    assert said.strip().splitlines()[-1] == "stopped: the files written so far are whole"
+    assert said.strip().splitlines()[-1] == "Interrupted. No partial files were left."
     assert "Traceback" not in said
     assert not list(tmp_path.iterdir())
 
@@ -217,4 +217,4 @@ def test_a_signal_that_compiled_code_swallows_ends_the_command(program: str, tmp
     """SciPy's Sobol numbers once went on with a table that a signal had left half filled."""
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=tmp_path)
     assert done.returncode == 130
-    assert (done.stdout, done.stderr) == ("", "stopped: the files written so far are whole\n")
+    assert (done.stdout, done.stderr) == ("", "Interrupted. No partial files were left.\n")

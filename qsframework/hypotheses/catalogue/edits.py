@@ -293,7 +293,7 @@ def vanishes(standing: Standing, edit: Edit, misfit: float) -> bool:
 
 
 def residuals(standing: Standing, edits: Sequence[Edit]) -> list[Array]:
-    """Errors (3 k,) of the rows of each edit, whitened by what foretells them.
+    """Errors (3 k,) of the rows of each edit, whitened by what predicts them.
 
     Edits are copies of their rows and states, asked of the model at once; those of values alone share one copy.
     """
@@ -317,7 +317,7 @@ def residuals(standing: Standing, edits: Sequence[Edit]) -> list[Array]:
 
 
 def factor(standing: Standing, e: Edit) -> Array:
-    """What whitens (3 k, 3 k) the errors of the rows of an edit by what foretells them."""
+    """What whitens (3 k, 3 k) the errors of the rows of an edit by what predicts them."""
     readings = copied(standing, [e])
     return _whitening(standing.foretold(readings, np.arange(len(readings)))[1])
 

@@ -93,7 +93,7 @@ def unread(readings: Readings) -> list[WrongRows]:
 
 
 def doubled(readings: Readings) -> list[WrongRows]:
-    """Rows that stand twice: the same values of a marker at the same angles under the same load, to the last digit, in
+    """Duplicate rows: the same values of a marker at the same angles under the same load, to the last digit, in
     a copy of the file, under another name or as a repeat. The first ones stay."""
     coarse, firsts = _coarse(readings), dict[bytes, int]()
     states = np.column_stack([readings.poses.q, readings.poses.wrench])[readings.plus]

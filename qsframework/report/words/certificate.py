@@ -9,14 +9,14 @@ from qsframework.report.words.sizes import mm
 from qsframework.uses.certificate import Certificate, Conformity
 
 SOURCES = {
-    "parameters": ("noise of the readings that the parameters rest on", "fit, covariance of the parameters"),
+    "parameters": ("parameter uncertainty", "fit, covariance of the parameters"),
     "held": ("values held at nominal", "their stated sds, and what these do to the fit"),
     "load": ("load's amount and direction", "as stated in the experiment"),
     "repeatability": ("arm comes back elsewhere", "as stated in the experiment"),
     "instrument": ("instrument, one reading", "as stated: its certificate, or the noise of a reading"),
     "model": (
         "what the model does not describe",
-        "what the error at readings held out has beyond the other sources and chance",
+        "excess of the held-out error over the other sources and chance",
     ),
 }
 RULES = {
@@ -44,7 +44,7 @@ def held_out_words(found: Certificate) -> str:
 def conformity_words(c: Conformity | None) -> str:
     """The statement of conformity in one sentence."""
     if c is None:
-        return "No tolerance is stated, so nothing is said about conformity."
+        return "No tolerance stated: conformity not assessed."
     known = f"U = {mm(c.expanded)} mm, k = {COVERAGE:.0f}" if c.expanded >= 0.0 else "U not stated"
     size = f"95 % of the readings held out are within {mm(c.error)} mm ({known}), "
     size += f"the tolerance is {mm(c.tolerance)} mm"
@@ -64,7 +64,7 @@ def assumed_words(found: Certificate) -> list[str]:
     if found.fit.masked_rows:
         out.append(f"{len(found.fit.masked_rows)} readings were not used by the fit: they are outliers.")
     if "instrument" not in {s.source for s in found.budget}:
-        out.append("Nobody states what the instrument adds: its part is within what the model does not describe.")
+        out.append("Instrument uncertainty not stated: it is contained in the model error.")
     out += [f"{note}." for note in found.validation.notes]
-    out.append("The robot is calibrated as it stood: a part that is changed, or a crash, ends what is stated here.")
+    out.append("The robot is calibrated as it stood: a changed part or a crash invalidates this certificate.")
     return out

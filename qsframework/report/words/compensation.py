@@ -9,7 +9,7 @@ from qsframework.report.words.sizes import mm
 from qsframework.uses.compensate import Compensation
 
 _HARDLY = 0.5
-"""Share of the uncorrected distance above which what is left says that the fit knows too little there."""
+"""Share of the uncorrected distance above which what is left says that the fit is too uncertain there."""
 
 
 def own_cause(result: Compensation) -> str:
@@ -32,7 +32,7 @@ def compensation_verdict(result: Compensation) -> Verdict:
         f"then {mm(result.sd[worst])} mm to be expected at the worst, target {names[worst]}"
     )
     if weak:
-        mark, word = Mark.LOOK, "Corrected, but the fit knows too little for some"
+        mark, word = Mark.LOOK, "Corrected, but the fit is too uncertain for some"
         said += f"; at {', '.join(weak[:3])} the correction gains less than half"
     return Verdict(
         mark,

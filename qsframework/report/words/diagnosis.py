@@ -26,7 +26,7 @@ from qsframework.screening import Mistake
 _SHOWN = 3
 ALONE = "explained by the named causes"
 """Of a cause that is plain by itself, but shows nothing that the named ones do not."""
-UNHELD = "seen, but no fit with it holds"
+UNHELD = "detected, but its fit is unphysical"
 _ALIKE = float(np.deg2rad(1.0))
 """Angle below which two causes are the same to the readings."""
 TOO_WEAK = "It is too weak to learn a correction: add poses or repeats."
@@ -95,7 +95,7 @@ def statements(found: Diagnosis) -> tuple[Statement, ...]:
 
 
 def named_groups(found: Diagnosis) -> dict[CauseGroup, tuple[NamedCause, ...]]:
-    """The named causes by how sure they are: certain is only what has no open alternative and foretells poses left
+    """The named causes by how sure they are: certain is only what has no open alternative and predicts poses left
     out."""
     return {
         CauseGroup.CERTAIN: tuple(f for f in found.sure if not f.open_alternative),
@@ -122,7 +122,7 @@ def _open(found: Diagnosis) -> Iterator[str]:
         also = "also " if found.findings else ""
         left = leftover_words(found.leftovers[0])
         why = "" if found.learned is not None else TOO_WEAK
-        first = f"The readings {also}hold something that no effect of the library explains: {left}. Look there first."
+        first = f"The readings {also}hold an error that no known effect explains: {left}. Look there first."
         yield " ".join(filter(None, (first, why, *places_words(found.places))))
         if found.learned is not None:
             yield learned_words(found.learned, found.rms)
@@ -227,8 +227,8 @@ def learned_words(learned: LearnedLaw, errors: Errors) -> str:
     return (
         f"{what}{average if others else ''} (s = {learned.s:.1f}): held-out error "
         f"{mm(errors.in_space(learned.before))} \u2192 {mm(errors.in_space(learned.heldout))} mm (3D RMS), "
-        f"{100 * learned.gain:.0f} % less in the noise that was found. It is an empirical correction, not a physical "
-        "explanation."
+        f"{100 * learned.gain:.0f} % lower, weighted by the estimated noise. It is an empirical correction, not a "
+        "physical explanation."
     )
 
 
@@ -247,7 +247,7 @@ def alike_words(learned: LearnedLaw) -> str:
     elsewhere = [f"{a.name} ({100 * a.share:.0f} %)" for a in learned.alike if not a.here]
     if elsewhere:
         said.append(f"At another place {' and '.join(elsewhere)} would do the same: the place may be that one.")
-    return " ".join(said) or "No effect of the library at this place does half of what it does."
+    return " ".join(said) or "No known effect explains even half of it."
 
 
 def rest_words(a: Alike) -> str:

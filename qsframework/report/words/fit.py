@@ -21,7 +21,7 @@ STATES = {
     EstimateState.FIXED: "held at its value",
     EstimateState.UPPER_LIMIT: "within its sd of zero",
     EstimateState.AT_BOUND: "errs to one side only, so no sd is quoted",
-    EstimateState.NOT_IDENTIFIABLE: "the sd of the readings exceeds what the value can be",
+    EstimateState.NOT_IDENTIFIABLE: "uncertainty exceeds the plausible range",
     EstimateState.BEYOND_BOUND: "outside what is possible; by more than 2 sd the model or a convention is wrong",
     EstimateState.OUTSIDE_PRIOR: "more than 5 sigma of its prior from nominal",
     EstimateState.IMPLAUSIBLE: "more than 100 typical sizes from nominal",
@@ -56,7 +56,7 @@ def verdict_words(fit: Fit) -> str:
     if wrong := impossible(fit):
         agree = "" if p is None or p < SIGNIFICANT else ", though the residuals agree with the stated noise"
         return (
-            f"No arm has {listed_names(wrong)} as the table says{agree}: a sign, a unit or a convention of the "
+            f"Physically impossible: {listed_names(wrong)}{agree}. A sign, a unit or a convention of the "
             "readings or of the robot is wrong. A fit within bounds only hides it: look for the cause, `qsf diagnose`."
         )
     if p is None:

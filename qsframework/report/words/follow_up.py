@@ -22,7 +22,7 @@ def follow_up_words(found: FollowUp) -> Iterator[str]:
     yield (
         f"{count} visits bring the chance of naming the right place from {percent(found.before)} to "
         f"{percent(found.after)}, with its variable from {percent(found.variable_before)} to "
-        f"{percent(found.variable_after)}, if one of the explanations that are open is true."
+        f"{percent(found.variable_after)}, if one of the remaining explanations is true."
     )
     yield from mounts_words(found.mounts, found.after, "at these visits")
 
@@ -45,7 +45,7 @@ def mount_words(mount: Mount) -> str:
 
 
 def suspect_words(suspect: Suspect) -> str:
-    """An explanation that is open."""
+    """An remaining explanation."""
     if isinstance(suspect.law, Cause):
         return suspect.law.name
     law = suspect.law.law

@@ -119,7 +119,7 @@ def foresight_verdict(found: Foresight) -> Verdict:
         (
             (f"{named} of {len(found.prospects)}", "causes named"),
             (f"{seen} of {len(found.prospects)}", "causes detected"),
-            (f"{len(found.groups)}", "groups that stay together"),
+            (f"{len(found.groups)}", "groups of effects that cannot be separated"),
             (f"{found.poses}", "poses"),
         ),
     )

@@ -63,7 +63,7 @@ def _nothing(found: Diagnosis) -> str:
 
 def _unexplained(found: Diagnosis) -> str:
     e = found.rms.space
-    what = f"{_left(found)}, as no cause of the library does" if found.leftovers else _too_much(found)
+    what = _left(found) if found.leftovers else _too_much(found)
     t = found.learned
     if t is not None and t.holds:
         before, after = (mm(found.rms.in_space(v)) for v in (t.before, t.heldout))
@@ -107,14 +107,14 @@ def _reasons(found: Diagnosis) -> Iterator[str]:
     if found.verdict != "partly_explained":
         return
     if found.leftovers:
-        yield f"{_left(found)}, which nothing explains yet"
+        yield f"{_left(found)} remains unexplained"
     elif misfits(found.after) or found.audit.refuted:
         yield _too_much(found)
     if found.doubtful:
         yield f"{names_words(found.doubtful)} {'is' if len(found.doubtful) == 1 else 'are'} doubtful"
     for f in found.sure:
         if f.instead is not None:
-            yield f"it may as well be that {moving_words(f.instead.law, found.experiment.robot.facts, found.places)}"
+            yield f"it may as well be {moving_words(f.instead.law, found.experiment.robot.facts, found.places)}"
         if (others := len(f.alternatives) + f.further) > MANY:
             yield f"{f.name} could be any of {others} other causes"
     faint = max(found.sure, key=lambda f: f.p_value)

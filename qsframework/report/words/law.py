@@ -15,7 +15,7 @@ _FACTORS = {
     "moment": "the moments there",
     "attitude": "where gravity points",
     "order": "the order of the readings",
-    "came": "the way by which the joint came",
+    "came": "the direction of approach of the joint",
     "time": "the time",
     "temperature": "the temperature",
     "approach": "the side of approach",
@@ -26,11 +26,10 @@ _FACTORS = {
 }
 _STATES = ("loaded", "always")
 _HOW: dict[tuple[str, ...], str] = {
-    (): "differently at each visit",
-    ("loaded",): "by a constant amount once a load hangs",
-    ("always",): "by a constant amount",
-    ("loaded", "came"): "with the way by which the joint came, once a load hangs",
-    ("torque",): "with the torque there",
+    (): "that differs at each visit",
+    ("loaded",): "that is constant once a load hangs",
+    ("always",): "that is constant",
+    ("loaded", "came"): "that depends on the direction of approach, once a load hangs",
 }
 
 
@@ -39,6 +38,8 @@ _RANKED = 3
 _TOLD = 2
 """Other places that are told by name."""
 _LOAD = {"load": "the load", "point": "the point where the load acts"}
+_SHARED = {*_LOAD, "readings"}
+_SHARED = {*_LOAD, "readings"}
 
 
 def place_words(law: Law) -> str:
@@ -69,7 +70,7 @@ def _factor_words(factor: str, angle: bool) -> str:
     if not angle:
         other = {
             "torque": f"the torque at {joint}",
-            "came": f"the way by which {joint} came",
+            "came": f"the direction of approach of {joint}",
             "travel": f"the travel of {joint}",
         }
         return other[what] if joint else _FACTORS[factor]
@@ -78,14 +79,10 @@ def _factor_words(factor: str, angle: bool) -> str:
 
 
 def moving_words(law: Law, facts: RobotFacts, places: Sequence[LikelyPlace] = ()) -> str:
-    """That something moves, and with what; what can hardly act there stands in for another variable. places: where it
-    may be; those that are not the law's own are told."""
-    moves = f"something moves {place_words(law)}"
-    if law.part in _LOAD:
-        moves = f"{_LOAD[law.part]} differs from what was said"
-    elif law.part == "readings":
-        moves = "all readings move"
-    how = _HOW.get(law.by) or f"with {variable_words(law)}"
+    """Where an error acts that no cause explains, and on what it depends; what can hardly act there stands in for
+    another variable. places: where it may be; those that are not the law's own are named."""
+    moves = f"an error {'of' if law.part in _SHARED else 'at'} {place_words(law)}"
+    how = _HOW.get(law.by) or f"that depends on {variable_words(law)}"
     how += "" if law.reaches(facts) else ", which can hardly act there and stands in for something else"
     other = [place_words(replace(x.law, axis="")) for x in places if x.law.where != law.where]
     if len(other) > _TOLD:
@@ -115,7 +112,7 @@ def places_words(places: Sequence[LikelyPlace]) -> Iterator[str]:
 def ranked_words(places: Sequence[LikelyPlace]) -> str:
     """Where something would be if it acts, the likeliest first."""
     shown = some_of([f"{place_words(x.law)} ({100 * x.share:.0f} %)" for x in places], _RANKED)
-    return f"Most likely places, if something acts: {shown}. Visits chosen for it would settle it."
+    return f"Most likely places of an effect, if there is one: {shown}. Visits chosen for it would settle it."
 
 
 def _moved(place: LikelyPlace) -> str:

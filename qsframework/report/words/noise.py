@@ -51,14 +51,14 @@ def _unit(audit: NoiseAudit) -> str:
             "The noise is unknown, and nothing is known about it without replicates: the residuals' size is used, "
             "which is its upper limit."
         )
-    source = "replicates" if audit.unit_source == "replicates" else "what the model leaves"
+    source = "replicates" if audit.unit_source == "replicates" else "the residuals"
     basis = f"from {source}, {audit.dof} degrees of freedom"
     if audit.unit_source == "stated":
         return (
             f"The stated noise holds: measured {audit.measured:.2f} times as large (p = {audit.p_unit:.2g}; {basis})."
         )
     if not audit.stated:
-        return f"The noise is not stated; it was measured {basis}."
+        return f"The noise is not stated; it was estimated {basis}."
     return f"The noise is {audit.unit:.2f} times the stated one (p = {audit.p_unit:.1g}; {basis})."
 
 

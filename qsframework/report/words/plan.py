@@ -27,7 +27,8 @@ def certificate_text(plan: Plan) -> str:
         f"{c.poses} of these poses reaches at least {_chosen(c):.4f} of the best that any plan over them could."
     )
     if c.polished_from is not None:
-        words += f" With its angles moved off the candidates, within the constraints, it reaches {c.efficiency:.4f}."
+        share = f"{100 * c.efficiency:.1f} % of the candidate-set optimum"
+        words += f" After continuous refinement within the constraints: {share}."
     return " ".join([words, *(f"Note: {note}." for note in c.notes)])
 
 
@@ -43,7 +44,7 @@ def _chosen(c: PlanCertificate) -> float:
 
 
 def tip_sizes(plan: Plan) -> list[str]:
-    """How well criterion I says that the tip is known after compensation, and before, mm, in words; none of others."""
+    """Predicted tip uncertainty by criterion I after compensation, and before, mm, in words; none of others."""
     c = plan.certificate
     if c is None or c.criterion != "I":
         return []
@@ -58,8 +59,8 @@ def tip_words(plan: Plan) -> list[str]:
     sizes, c = tip_sizes(plan), plan.certificate
     said = (
         [
-            f"After compensation with a fit of this plan the tip is known to {', '.join(sizes)}: the root mean square "
-            "over the test poses."
+            f"Predicted tip uncertainty after compensation with a fit of this plan: {', '.join(sizes)}, root mean "
+            "square over the test poses."
         ]
         if sizes
         else []
@@ -67,7 +68,7 @@ def tip_words(plan: Plan) -> list[str]:
     if c is not None and c.value_in_base is not None:
         said.append(
             "What turns or shifts the whole arm, or its tool, is taken up by the frame and the tool that the readings "
-            "give: in the base frame the tip is known better only where these are stated (`frames:`, nests)."
+            "give: in the base frame the tip is more certain only where these are stated (`frames:`, nests)."
         )
     return said
 
@@ -93,7 +94,7 @@ def need_words(found: Needed) -> list[str]:
 
 
 def plan_verdict(experiment: Experiment, plan: Plan, sds: Array, enough: bool = True, free: bool = False) -> Verdict:
-    """How many poses, what they tell, how well the tip is known then, and how near the plan is to the best.
+    """How many poses, what they tell, the predicted tip uncertainty, and how near the plan is to the best.
 
     sds (p,): predicted for the fitted parameters; enough: whether it reaches an accuracy that was asked for, if any;
     free: whether nothing counts as known before
@@ -118,7 +119,7 @@ def plan_verdict(experiment: Experiment, plan: Plan, sds: Array, enough: bool = 
         outcome = f"identify {len(sds) - len(lost)} of {len(sds)} parameters, not {', '.join(lost[:3])}"
     elif faint or near < _SPREAD:
         mark, word = Mark.LOOK, "Plan is weak"
-        outcome += f", {faint} of them to no better than their own size" if faint else ""
+        outcome += f", {faint} of them with above 100 % uncertainty" if faint else ""
         alone = ", all at one place: no joint moves by 5 deg, and nothing says whether a fit holds elsewhere"
         outcome += alone if near < _SPREAD else ""
     if not enough:
