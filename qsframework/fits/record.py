@@ -14,7 +14,7 @@ import pydantic
 
 from qsframework.arguments import checked
 from qsframework.elastostatics import Model
-from qsframework.errors import InputError, Problem
+from qsframework.errors import InputError, Problem, nearest
 from qsframework.estimation import FitOptions, Interval
 from qsframework.estimation.statistics import identified_directions
 from qsframework.estimation.tails import chi2_sf, normal_sf, t_isf
@@ -118,6 +118,18 @@ class FitRecord(FileRecord):
     def linear(self) -> bool:
         """Whether loads were balanced at the undeflected pose."""
         return self.options.linear
+
+    def __getitem__(self, name: str) -> Estimate:
+        """The estimate of a parameter, by its name or by the place of which only one is estimated: fit["joint_1"].
+
+        Raises InputError, with the names, where there is none or more than one.
+        """
+        found = [e for e in self.estimates if name in (e.name, e.name.partition("[")[2].partition("]")[0])]
+        if len(found) != 1:
+            several = ", ".join(e.name for e in found or self.estimates)
+            said = f"the fit has {len(found) or 'no'} estimate{'s' * bool(found)} of {name!r}"
+            raise InputError(Problem(said, allowed=several, hint=nearest(name, self.names)))
+        return found[0]
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -8,12 +8,14 @@ import json
 import re
 import shlex
 import subprocess
+import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from check_answers import pedestal, waves
 from typer.testing import CliRunner
 
@@ -92,6 +94,25 @@ def test_the_output_shown_is_the_real_one(readme: Ran, root: Path) -> None:
     commands = [c for c in lines(page, "sh") if c.startswith("qsf ")]
     for command, shown in zip(commands, blocks(page, "text"), strict=True):
         assert plain(shown) in plain(readme.printed[command])
+
+
+def test_the_lines_of_python_run(root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "examples").symlink_to(root / "examples")
+    (block,) = blocks(root / "README.md", "python")
+    with contextlib.chdir(tmp_path):
+        exec(compile(block, "README.md", "exec"), {})
+    printed = capsys.readouterr().out
+    assert printed.startswith("Partially identified: 1.176 \u2192 0.406 mm")
+    assert float(printed.split()[-3]) == pytest.approx(1.161e-6, rel=1e-3)
+    assert (tmp_path / "fit.html").stat().st_size > 10_000
+
+
+def test_it_can_be_cited(root: Path) -> None:
+    """CITATION.cff states the version and the licence of the package."""
+    cited = yaml.safe_load((root / "CITATION.cff").read_text())
+    project = tomllib.loads((root / "pyproject.toml").read_text())["project"]
+    assert (cited["version"], cited["license"]) == (project["version"], project["license"])
+    assert project["description"].lower() in cited["title"].lower()
 
 
 def test_the_readme_is_short_and_its_numbers_are_those_of_the_fits(readme: Ran, root: Path) -> None:
