@@ -28,12 +28,15 @@ from qsframework.plugin import build_effects
 from qsframework.plugin.registry import with_role
 from qsframework.report import (
     PROVENANCE,
+    Mark,
     ReportTable,
     Section,
     Text,
+    Verdict,
     fit_section,
     plan_section,
     sd_table,
+    where_section,
     write_report,
 )
 from qsframework.report.provenance import AFTER, EQUILIBRIUM, INFORMATION, LEAST_SQUARES, computed
@@ -51,9 +54,8 @@ def run_demo(output: Path, seed: int, json: Path | None = None) -> None:
         real, fits = real_readings(tell)
         planned, results = designed_plan(output, seed, tell)
         tell("report", 0, 1)
-        path = write_report(
-            output / "report.html", "qsframework: elastostatic calibration, start to end", [*real, *planned]
-        )
+        title = "qsframework: elastostatic calibration, start to end"
+        path = write_report(output / "report.html", title, [*real, *planned], _verdict(fits, results))
         tell("report", 1, 1)
     for section in (*real, *planned):
         _print_section(section)
@@ -74,6 +76,24 @@ def _found(real: dict[str, Any], simulated: dict[str, Any]) -> list[str]:
         f"M-900iB/700, {POSES} designed poses, simulated: {own['nominal']:.3f} \u2192 {own['held_out']:.3f} mm.",
         "3D RMS: nominal model \u2192 identified, at held-out poses.",
     ]
+
+
+def _verdict(real: dict[str, Any], simulated: dict[str, Any]) -> Verdict:
+    """The first thing on the report: what the two parts found, with their numbers."""
+    joints, _, offaxis = (fit["errors_mm"]["displacement"] for fit in real.values())
+    own = simulated["fit"]["errors_mm"]["displacement"]
+    plan = simulated["certificate"]
+    return Verdict(
+        Mark.GOOD,
+        "Calibrated",
+        " ".join(_found(real, simulated)),
+        (
+            (f"{joints['nominal']:.3f} mm", "R-2000iC, real readings, nominal model"),
+            (f"{offaxis['held_out']:.3f} mm", "identified with an off-axis spring, held-out"),
+            (f"{own['held_out']:.3f} mm", "M-900iB, simulated, held-out"),
+            (f"{100.0 * (plan['polished_from'] or plan['efficiency']):.1f} %", "of the best plan possible, at least"),
+        ),
+    )
 
 
 def _print_section(section: Section) -> None:
@@ -104,7 +124,9 @@ def real_readings(tell: Tell) -> tuple[list[Section], dict[str, Any]]:
         fits[name] = identify(variant, readings)
     tell(label, len(models), len(models))
     last = next(reversed(models.values()))
+    shown = list(fits.values())[-1]
     sections = [
+        where_section(shown, last, readings, "R-2000iC: where the errors are, with the off-axis spring"),
         _compare_models(fits),
         fit_section(fits["joint springs, J3 absolute"], "R-2000iC: fit of the joint springs"),
         computed(last, [experiment.path, *experiment.data], None, (EQUILIBRIUM, LEAST_SQUARES)),

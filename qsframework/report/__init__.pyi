@@ -15,6 +15,7 @@ from .fit_section import (
     fit_sections as fit_sections,
     fit_table as fit_table,
     interval_tables as interval_tables,
+    where_section as where_section,
 )
 from .page import write_report as write_report
 from .plan_section import plan_section as plan_section, pose_table as pose_table, sd_table as sd_table

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import html
 from collections.abc import Sequence
+from itertools import product
 from typing import Any
 
 import numpy as np
 
 from qsframework.estimation.tails import normal_isf
-from qsframework.experiment import Experiment, Readings
+from qsframework.experiment import Experiment, Readings, make_rows
 from qsframework.fits import Estimate, Fit, FitRecord
 from qsframework.plugin import Array, Indices
 from qsframework.report.blocks import Block, Figure, Lines, Plot, ReportTable, SceneView, Text
@@ -193,52 +194,62 @@ def _normal(fit: Fit) -> tuple[Figure, ...]:
     return (Figure(figure, caption, row_table(("normal law", "residual / its sd"), [wanted.tolist(), z.tolist()])),)
 
 
-def workspace_figure(fit: Fit, readings: Readings, pose: Indices, marker: Indices, errors: Array) -> Figure:
-    """Errors (R, 3) m over the places in the workspace where they were read.
-
-    pose, marker (R,): state and marker of each row of the readings
-    """
+def workspace_figure(fit: Fit, readings: Readings) -> tuple[Figure, ...]:
+    """The 3D errors before the fit and at held-out poses over the workspace, in one scale of colours; none where no row
+    was read along all axes."""
+    rows = make_rows(fit.used(readings))
+    errors = {"nominal model": fit.measured - fit.nominal, "identified, held-out": fit.left_out}
+    seen = np.flatnonzero(np.isfinite(np.stack([*errors.values()])).all(axis=(0, 2)))
+    if not len(seen):
+        return ()
+    pose, marker = rows.plus[seen], rows.marker[seen]
     used, place = np.unique(pose, return_inverse=True)
     points = fit.model.positions(readings.poses.take(used), linear=True)[place, marker]
-    size = 1e3 * np.linalg.norm(errors, axis=1)
-    names = [readings.states.pose[m] for m in map(int, pose)]
     around = np.hypot(points[:, 0], points[:, 1])
-    figure = panels("Errors over the workspace", 1, 2, ["from above", "from the side"], 420, 0.14, shared=False)
-    views = ((points[:, 0], points[:, 1], "x, m", "y, m"), (around, points[:, 2], "from the base's axis, m", "z, m"))
-    largest = max(float(size.max()), 1e-9)
-    for col, (x, y, along, up) in enumerate(views, start=1):
+    names: list[str] = [readings.states.pose[m] for m in map(int, pose)]
+    sizes = {name: 1e3 * np.linalg.norm(values[seen], axis=1) for name, values in errors.items()}
+    largest = max(*(float(size.max()) for size in sizes.values()), 1e-9)
+    views = {"from above": (*points.T[:2], "x, m", "y, m"), "from the side": (around, points[:, 2], "r, m", "z, m")}
+    titles = [f"{name}: {view}" for name in sizes for view in views]
+    figure = panels("Errors over the workspace", 2, 2, titles, 780, 0.12, shared=False, heights=[0.5, 0.5])
+    for k, (size, (x, y, along, up)) in enumerate(product(sizes.values(), views.values())):
+        row, col = k // 2 + 1, k % 2 + 1
+        order: list[int] = np.argsort(size).tolist()  # the largest are drawn last
+        poses = [html.escape(names[i]) for i in order]
         figure.add_scatter(
-            x=x,
-            y=y,
+            x=x[order],
+            y=y[order],
             mode="markers",
             showlegend=False,
-            customdata=[html.escape(n) for n in names],
-            text=[f"pose {html.escape(n)}: {s:.3f} mm" for n, s in zip(names, size, strict=True)],
+            customdata=poses,
+            text=[f"pose {name}: {size[i]:.3f} mm" for name, i in zip(poses, order, strict=True)],
             hovertemplate="%{text}<extra></extra>",
             marker={
-                "size": 6.0 + 14.0 * size / largest,
+                "size": 5.0 + 13.0 * size[order] / largest,
                 "symbol": "circle",
-                "color": size,
+                "color": size[order],
                 "coloraxis": "coloraxis",
-                "line": {"width": 1, "color": GREY},
+                "line": {"width": 0.5, "color": GREY},
                 "opacity": 0.85,
             },
-            row=1,
+            row=row,
             col=col,
         )
-        anchor = "x" if col == 1 else "x2"
-        figure.update_xaxes(row=1, col=col, title={"text": along})
-        figure.update_yaxes(row=1, col=col, title={"text": up}, scaleanchor=anchor)
+        figure.update_xaxes(row=row, col=col, title={"text": along})
+        figure.update_yaxes(row=row, col=col, title={"text": up}, scaleanchor=f"x{k + 1}" if k else "x")
     scale = {"colorscale": [[0.0, SKY], [1.0, ORANGE]], "colorbar": {"title": {"text": "mm"}, "thickness": 12}}
-    figure.update_layout(coloraxis=scale, margin={"t": 40})
-    columns = [names, *points.T.tolist(), around.tolist(), size.tolist()]
-    return Figure(
+    figure.update_layout(coloraxis={**scale, "cmin": 0.0, "cmax": largest}, margin={"t": 76})
+    columns = [names, *points.T.tolist(), around.tolist(), *(size.tolist() for size in sizes.values())]
+    header = ("pose", "x, m", "y, m", "z, m", "from the axis, m", *(f"{name}, mm" for name in sizes))
+    maps = Figure(
         figure,
-        "Large and orange: far off after the fit. Look for a corner of the workspace in which all are: there the model "
-        "misses something, or the poses were too few.",
-        row_table(("pose", "x, m", "y, m", "z, m", "from the axis, m", "error, mm"), columns),
+        "The same places before and after, in one scale; r is the distance from the base's axis. Look in the lower "
+        "maps for a corner of the workspace in which all are large: there the model misses something, or the poses "
+        "were too few.",
+        row_table(header, columns),
         wide=True,
     )
+    return (maps,)
 
 
 def residual_table(rows: Any, poses: Any, left: Array, student: Array) -> ReportTable:

@@ -90,7 +90,7 @@ def _cell(column: FitColumn, fit: Fit, e: Estimate) -> str:
 
 
 def _percent(share: float) -> str:
-    """A share in per cent; of initial values next to nothing the digits would say nothing."""
+    """A share in per cent; of values next to nothing the digits would say nothing."""
     return f"{share:.1f} %" if share < _MOST_PERCENT else f"> {_MOST_PERCENT:.0f} %"
 
 
@@ -178,8 +178,8 @@ def frame_table(fit: Fit) -> ReportTable:
     rows = tuple(
         (
             f.series or "-",
-            ", ".join(f"{v * 1e3:.3f}" for v in f.origin),
-            "; ".join(", ".join(f"{v:.6f}" for v in row) for row in f.rotation),
+            ", ".join(f"{v * 1e3:z.3f}" for v in f.origin),
+            "; ".join(", ".join(f"{v:z.6f}" for v in row) for row in f.rotation),
         )
         for f in fit.frames
         if not f.touched
@@ -192,7 +192,7 @@ def frame_table(fit: Fit) -> ReportTable:
 def point_table(fit: Fit) -> ReportTable:
     """Where the touched points are."""
     rows = tuple(
-        (f.series.partition(":")[2], *(f"{v * 1e3:.3f}" for v in f.pose), *["-"] * (3 - f.freedom))
+        (f.series.partition(":")[2], *(f"{v * 1e3:z.3f}" for v in f.pose), *["-"] * (3 - f.freedom))
         for f in fit.frames
         if f.touched
     )
@@ -216,11 +216,6 @@ def fit_sections(
 ) -> tuple[Section, ...]:
     """A report's sections: the pictures, the residuals on the robot, and the evidence, folded; before: the fit of
     another campaign."""
-    from qsframework.viz import residuals
-
-    rows, missed = residuals(experiment, readings, fit.x, fit.frames, fit.linear)
-    seen = np.isfinite(fit.residuals).all(axis=1).any()
-    where = (workspace_figure(fit, readings, rows.plus, rows.marker, missed),) if seen else ()
     return (
         Section(
             "Parameters and errors",
@@ -229,10 +224,17 @@ def fit_sections(
                 *_answer(fit, fit_table(fit), before),
             ),
         ),
-        Section("Residuals on the robot", (_on_the_robot(fit, experiment, readings), *where)),
+        where_section(fit, experiment, readings),
         Section("Evidence", tuple(_evidence(fit)), folded=True),
         Section("Residuals", residual_figures(fit), folded=True),
     )
+
+
+def where_section(
+    fit: Fit, experiment: Experiment, readings: Readings, title: str = "Residuals on the robot"
+) -> Section:
+    """Where the errors are: on the arm, and over its workspace before the fit and at held-out poses."""
+    return Section(title, (_on_the_robot(fit, experiment, readings), *workspace_figure(fit, readings)))
 
 
 def _answer(fit: Fit, table: ReportTable, before: FitRecord | None = None) -> tuple[Block, ...]:
