@@ -98,7 +98,7 @@ def _verdict(real: dict[str, Any], simulated: dict[str, Any]) -> Verdict:
 
 def _print_section(section: Section) -> None:
     """The numbers on the terminal; poses, versions and hashes stay in the report."""
-    if section.title == PROVENANCE:
+    if section.title == PROVENANCE or not any(isinstance(b, ReportTable | Text) for b in section.blocks):
         return
     print(f"\n{section.title}")
     for block in section.blocks:

@@ -42,8 +42,8 @@ def _stiffness(e: Estimate) -> float:
 
 
 def _share(e: Estimate) -> float:
-    """The sd as a share of the initial value, where both are there."""
-    return e.sd / abs(e.initial) if e.initial and e.sd > 0.0 else math.nan
+    """The sd as a share of the value beside it; none of what is nominally zero, as an offset."""
+    return e.sd / abs(e.value) if e.initial and e.value and e.sd > 0.0 else math.nan
 
 
 COLUMNS = [

@@ -284,7 +284,7 @@ def outlier_table(diagnosis: Diagnosis) -> ReportTable:
             str(int(r.line[i])),
             r.states.pose[int(r.plus[i])],
             names[int(r.marker[i])],
-            ", ".join(f"{1e3 * v:.3f}" for v in r.value[i].tolist()),
+            ", ".join(f"{1e3 * v:z.3f}" for v in r.value[i].tolist()),
         )
         for i in diagnosis.outliers.tolist()
     )

@@ -14,11 +14,11 @@ def stiffness_tables(result: Stiffness) -> list[ReportTable]:
     """The share of each spring, and the Cartesian stiffness with and without the load."""
     square = float(result.linear @ result.linear)
     shares = [
-        (name, *(f"{v * 1e3:.4f}" for v in share), f"{100 * share @ result.linear / square:.1f} %" if square else "-")
+        (name, *(f"{v * 1e3:z.4f}" for v in share), f"{100 * share @ result.linear / square:.1f} %" if square else "-")
         for name, share in zip(result.names, result.shares, strict=True)
     ]
     sums = [
-        (name, *(f"{v * 1e3:.4f}" for v in vector), "")
+        (name, *(f"{v * 1e3:z.4f}" for v in vector), "")
         for name, vector in (("linear model", result.linear), ("full equilibrium", result.full))
     ]
     tables = [ReportTable(("spring", "dx mm", "dy mm", "dz mm", "share"), tuple([*shares, *sums]))]
@@ -32,10 +32,10 @@ def stiffness_tables(result: Stiffness) -> list[ReportTable]:
 
 def deflection_words(result: Stiffness) -> str:
     """How far the load point moves, and the linearisation error; without a load, what K_C is."""
-    moved = np.any(result.full) or np.any(result.rotation)
+    loaded = np.any(result.full) or np.any(result.rotation) or not np.any(result.compliance)  # a rigid arm stands still
     text = (
         "No load: K_C is that of the arm under its own weight."
-        if not moved
+        if not loaded
         else f"The load point moves by {np.linalg.norm(result.full) * 1e3:.4f} mm and turns by "
         f"{np.linalg.norm(result.rotation) * 1e3:.4f} mrad. Linearisation error: "
         f"{100 * result.linear_error:.3f} %."

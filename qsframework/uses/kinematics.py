@@ -298,12 +298,12 @@ def offset_rows(one: Fitted) -> list[dict[str, str]]:
             {
                 "joint": joint,
                 "angle": f"J{k + 1}",
-                "add_deg": f"{360.0 * turns_of_joint + 0.0:.6f}" if told else "",
+                "add_deg": f"{360.0 * turns_of_joint:z.6f}" if told else "",
                 "sd_deg": f"{np.rad2deg(sd):.6f}" if np.isfinite(sd) else "",
-                "motor_deg": "" if motor is None else f"{360.0 * motor + 0.0:.4f}",
-                "counts": "" if motor is None or counts is None else f"{motor * counts + 0.0:.1f}",
+                "motor_deg": "" if motor is None else f"{360.0 * motor:z.4f}",
+                "counts": "" if motor is None or counts is None else f"{motor * counts:z.1f}",
                 "identified_percent": f"{100.0 * one.offset_share[k]:.1f}",
-                "in_placement_deg": f"{np.rad2deg(one.own[controller.driven[k]]) + 0.0:.6f}",
+                "in_placement_deg": f"{np.rad2deg(one.own[controller.driven[k]]):z.6f}",
             }
         )
     return rows

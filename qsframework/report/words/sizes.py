@@ -87,7 +87,7 @@ def _digits(value: float, digits: int) -> str:
     if not -4 <= power < 6:
         return f"{value:.{digits - 1}e}"
     rounded = round(value, digits - 1 - power)
-    return f"{rounded:.{max(digits - 1 - power, 0)}f}"
+    return f"{rounded:z.{max(digits - 1 - power, 0)}f}"
 
 
 def grouped(pairs: Iterable[tuple[K, V]]) -> dict[K, list[V]]:
@@ -106,12 +106,12 @@ def kind_and_place(name: str) -> tuple[str, str]:
 
 def number(value: float, written: str) -> str:
     """A number in a format such as `.3f`; a dash where there is none."""
-    return format(value, written) if math.isfinite(value) else "-"
+    return format(value, written.replace(".", "z.", 1)) if math.isfinite(value) else "-"
 
 
 def mm(value: float, digits: int = 3) -> str:
     """A length, m, in mm; a dash where there is none."""
-    return f"{1e3 * value:.{digits}f}" if math.isfinite(value) else "-"
+    return f"{1e3 * value:z.{digits}f}" if math.isfinite(value) else "-"
 
 
 _SHOWN = {"rad/(N m)": (1e6, "urad/(N m)"), "m/N": (1e6, "um/N"), "m": (1e3, "mm"), "rad": (1e3, "mrad")}
@@ -125,7 +125,7 @@ def shown(value: float, unit: str) -> tuple[float, str]:
 
 def shown_number(value: float, unit: str, digits: int = 4) -> str:
     """The number of `shown`, without its unit."""
-    return f"{shown(value, unit)[0]:.{digits}g}"
+    return f"{shown(value, unit)[0]:z.{digits}g}"
 
 
 def unit_shown(unit: str) -> str:
@@ -141,12 +141,12 @@ def shown_with_sd(value: float, sd: float, unit: str) -> str:
 def with_sd(value: float, sd: float) -> str:
     """`0.1610 ± 0.0062`: the sd to two digits, the value to the same place."""
     if not (math.isfinite(sd) and sd > 0.0):
-        return f"{value:.4g}"
+        return f"{value:z.4g}"
     digits = 1 - int(f"{sd:.1e}".partition("e")[2])
     if not -2 <= digits <= 9:
         power = math.floor(math.log10(abs(value))) if value else -digits
         return f"{value:.{max(power + digits, 0)}e} ± {sd:.1e}"
-    return f"{round(value, digits):.{max(digits, 0)}f} ± {round(sd, digits):.{max(digits, 0)}f}"
+    return f"{round(value, digits):z.{max(digits, 0)}f} ± {round(sd, digits):.{max(digits, 0)}f}"
 
 
 def value_words(value: float, sd: float, unit: str) -> str:
