@@ -85,12 +85,18 @@ def _typed(name: str, option: Option, on: bool, several: Any) -> Any:
         *([f"-{option.short}"] if option.short else []),
         f"--{named}/--no-{named}" if on else f"--{named}",
         help=option.help if several is None else f"{option.help.removesuffix('.')} (repeat).",
-        metavar=option.form or None,
+        metavar=option.form or _choices(option) or None,
         min=option.least,
         max=option.most,
         show_default=option.shown,
         rich_help_panel=option.group or None,
     )
+
+
+def _choices(option: Option) -> str:
+    """The values that an option has where they are words, as `names|order|time`."""
+    words = [choice for choice in option.choices if choice]
+    return "|".join(words) if all(word.replace("-", "_").isidentifier() for word in words) else ""
 
 
 def _value(name: str, hint: Any, given: Values) -> Any:

@@ -16,7 +16,7 @@ from qsframework.terminal import folded, paragraphs, width
 
 _VALUES = {"int": "N", "float": "X", "path": "FILE", "file": "FILE", "Path": "FILE"}
 """What stands for a value of a type; TEXT for others."""
-_LEFT = 26
+_LEFT = 28
 """Columns of the names; a longer one has a line of its own."""
 
 Row = tuple[str, str]

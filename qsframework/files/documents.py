@@ -96,6 +96,9 @@ def read_yaml(path: str | Path, tags: Tags | None = None, doubled: list[Problem]
     """
     path = Path(path)
     text = read_text(path)
+    if path.suffix.lower() == ".csv":
+        hint = "Tables of readings, poses or targets stand behind the experiment.yaml that they belong to."
+        raise InputError(Problem("is a table, where a YAML file is expected", file=str(path), hint=hint))
     for number, line in enumerate(text.splitlines(), start=1):
         if "\t" in line[: len(line) - len(line.lstrip())]:
             raise InputError(Problem("a tab in the indentation; YAML wants spaces", file=str(path), line=number))

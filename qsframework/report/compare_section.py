@@ -133,8 +133,8 @@ def path_view(result: Comparison) -> SceneView:
     columns = [list(range(1, len(points) + 1)), *points.T.tolist(), *((1e3 * m).tolist() for m in moved)]
     return SceneView(
         scene.html(),
-        "The slider goes through the robots, each at the point of the path (blue) of largest deflection (red). See how "
-        "far the arm is stretched there: a workpiece nearer to the base would move less.",
+        "The slider goes through the robots, each at its point of largest deflection (red) on the path (blue). Look "
+        "how far the arm is stretched there: a workpiece nearer to the base would move less.",
         row_table(header, columns, "How far the tool moves under the task's force, uncorrected; -: not reached."),
     )
 

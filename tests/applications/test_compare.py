@@ -278,9 +278,7 @@ def test_cells_where_the_arm_touches_itself_or_the_floor_are_not_reached(task: T
     assert not (found.blocked & ~anywhere.good).any()
     two = compare([robot, load_robot("fanuc_m900ib")], low).robots[0]
     assert two.touching == found.blocked.sum()
-    assert any(
-        f"{two.touching} cells of the map would be reached if the arm could touch itself" in n for n in two.notes
-    )
+    assert any(f"{two.touching} cells of the map excluded for collision with the arm itself" in n for n in two.notes)
 
 
 ALONE = "that the fit explains its readings was not checked: its experiment is not beside it. Put both into one folder"

@@ -473,7 +473,7 @@ def test_both_lengths_are_of_the_same_way(m900ib: Experiment, tmp_path: Path, ho
     lengths: dict[str, float] = {}
     for order in ("plan", "shortest"):
         run = CliRunner().invoke(app, [*arguments, "--order", order], catch_exceptions=False)
-        assert "3 stops to measure, 0 more to drive by" in run.output, "home is no detour"
+        assert "3 stops to measure, 0 via points" in run.output, "home is no detour"
         assert ("from home and back" in run.output) == bool(home)
         content = json.loads(told.read_text())
         lengths[order] = content["way_deg"]

@@ -270,7 +270,7 @@ def test_the_command(one: Fitted, tmp_path: Path) -> None:
     run = CliRunner().invoke(app, line, catch_exceptions=False)
     assert run.exit_code == 0
     said = " ".join(run.output.split())
-    assert "or is of the campaign: frame[D].x, frame[D].y" in said
+    assert "or of the campaign): frame[D].x, frame[D].y" in said
     assert "gravity_sag" in said
     assert "nearly parallel" in said
     content = json.loads((folder / "out.json").read_text())

@@ -369,7 +369,9 @@ def test_the_command(m900ib: Experiment, tmp_path: Path) -> None:
         assert isinstance(wrong.exception, InputError)
         assert words in str(wrong.exception)
     table = CliRunner().invoke(app, [*arguments[:3], "targets.csv", *stated])
-    assert "is no programme; allowed: .mod, .prg, .sys, .ls, .src, .dat, .script" in str(table.exception)
+    assert "is no programme; allowed: .mod, .modx, .prg, .sys, .sysx, .ls, .src, .dat, .script, .urscript" in str(
+        table.exception
+    )
 
 
 EXT = """DEF EXT( )

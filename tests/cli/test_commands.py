@@ -284,3 +284,10 @@ def test_identify_options_reach_the_fit(tmp_path) -> None:  # type: ignore[no-un
     stored = read_fit(file)
     values = dict(zip(stored.names, stored.values, strict=True))
     assert abs(values["joint_compliance[joint_4]"] / values["joint_compliance[joint_5]"] - 1.8 / 1.5) < 1e-9
+
+
+def test_a_table_in_the_place_of_an_experiment_is_called_a_table(root: Path) -> None:
+    with pytest.raises(
+        InputError, match=r"series_b\.csv: is a table, where a YAML file is expected\. Tables of readings"
+    ):
+        run("identify", str(root / "examples" / "ur10" / "series_b.csv"))

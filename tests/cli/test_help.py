@@ -39,3 +39,10 @@ def test_common_options_are_explained_once() -> None:
     design = "\n".join(help_of("design", columns=100))
     assert "Also --jobs, --dask, --seed, --json, --report, --trust, --help: see `qsf --help`." in design
     assert [t in design for t in ("\nPlan:\n", "\nCriterion:\n", "\nSearch:\n", "\nOutput:\n")] == [True] * 4
+
+
+def test_choices_show_as_choices() -> None:
+    """An option that has a few values shows them in the place of its value."""
+    shown = CliRunner().invoke(app, ["design", "--help"]).output
+    assert "--criterion I|D|A|O3|Ds|L" in shown
+    assert "--solver columns|cvxpy" in shown

@@ -55,7 +55,7 @@ def test_identify_on_the_extended_folder_agrees_with_the_diagnosis(real: Diagnos
         assert abs(e.value - real.extended.value(e.name)) < real.extended.sd(e.name), e.name
     told = (tmp_path / "out" / "experiment.yaml").read_text(encoding="utf-8")
     before = told[: told.index("\nnoise:\n")].splitlines()[-1]
-    assert before.startswith("# The noise is not stated; it was measured from")
+    assert before.startswith("# The noise is not stated; it was estimated from")
     assert "masked (use 0) as outliers" in told
     result = simulate(again, make_plan(pulls, ["load"] * len(pulls)), seed=3)
     left = result.readings.value - make_rows(result.readings).predict(again.model(), again.model().nominal)

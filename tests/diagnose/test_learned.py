@@ -99,7 +99,9 @@ def test_a_law_that_is_like_none_at_its_place_says_so(found: tuple[Diagnosis, st
     other, name = found
     assert other.learned is not None
     assert not [a for a in other.learned.alike if a.share > 0.9], name
-    nearest = "It looks most like joint_hardening[j3]" if "torque" in name else "No effect of the library at this place"
+    nearest = (
+        "It looks most like joint_hardening[j3]" if "torque" in name else "No known effect explains even half of it"
+    )
     assert nearest in diagnosis_words(other)
 
 

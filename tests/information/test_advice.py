@@ -55,7 +55,8 @@ def test_no_load_turns_a_joint_by_more_than_it_could(m900ib: Experiment, force: 
         assert 0.0 <= share <= 1.0
         said = what_would_help(model, f"joint_compliance[joint_{k + 1}]", at)
         assert (
-            f"at most {100 * share:.0f} % of what their forces and moments could" in said or "no reading loads" in said
+            f"reaches only {100 * share:.0f} % of the torque these forces and moments allow" in said
+            or "no reading loads" in said
         )
     if force == 0.0:  # joint 2 moves the forearm without turning it: no moment reaches its motor
         assert load_share(model, at, 1) == 0.0
