@@ -208,8 +208,23 @@ def workspace_figure(fit: Fit, readings: Readings) -> tuple[Figure, ...]:
     around = np.hypot(points[:, 0], points[:, 1])
     names: list[str] = [readings.states.pose[m] for m in map(int, pose)]
     sizes = {name: 1e3 * np.linalg.norm(values[seen], axis=1) for name, values in errors.items()}
-    largest = max(*(float(size.max()) for size in sizes.values()), 1e-9)
     views = {"from above": (*points.T[:2], "x, m", "y, m"), "from the side": (around, points[:, 2], "r, m", "z, m")}
+    columns = [names, *points.T.tolist(), around.tolist(), *(size.tolist() for size in sizes.values())]
+    header = ("pose", "x, m", "y, m", "z, m", "from the axis, m", *(f"{name}, mm" for name in sizes))
+    maps = Figure(
+        _maps(names, sizes, views),
+        "The same places before and after, in one scale; r is the distance from the base's axis. Look in the lower "
+        "maps for a corner of the workspace in which all are large: there the model misses something, or the poses "
+        "were too few.",
+        row_table(header, columns),
+        wide=True,
+    )
+    return (maps,)
+
+
+def _maps(names: Sequence[str], sizes: dict[str, Array], views: dict[str, tuple[Any, ...]]) -> Plot:
+    """Circles at places, a map for each kind of size (R,) mm, from each side, in one scale of colours."""
+    largest = max(*(float(size.max()) for size in sizes.values()), 1e-9)
     titles = [f"{name}: {view}" for name in sizes for view in views]
     figure = panels("Errors over the workspace", 2, 2, titles, 780, 0.12, shared=False, heights=[0.5, 0.5])
     for k, (size, (x, y, along, up)) in enumerate(product(sizes.values(), views.values())):
@@ -239,17 +254,7 @@ def workspace_figure(fit: Fit, readings: Readings) -> tuple[Figure, ...]:
         figure.update_yaxes(row=row, col=col, title={"text": up}, scaleanchor=f"x{k + 1}" if k else "x")
     scale = {"colorscale": [[0.0, SKY], [1.0, ORANGE]], "colorbar": {"title": {"text": "mm"}, "thickness": 12}}
     figure.update_layout(coloraxis={**scale, "cmin": 0.0, "cmax": largest}, margin={"t": 76})
-    columns = [names, *points.T.tolist(), around.tolist(), *(size.tolist() for size in sizes.values())]
-    header = ("pose", "x, m", "y, m", "z, m", "from the axis, m", *(f"{name}, mm" for name in sizes))
-    maps = Figure(
-        figure,
-        "The same places before and after, in one scale; r is the distance from the base's axis. Look in the lower "
-        "maps for a corner of the workspace in which all are large: there the model misses something, or the poses "
-        "were too few.",
-        row_table(header, columns),
-        wide=True,
-    )
-    return (maps,)
+    return figure
 
 
 def residual_table(rows: Any, poses: Any, left: Array, student: Array) -> ReportTable:
