@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from every_report import COMMANDS, make_reports
 
+from qsframework import design, show
 from qsframework.experiment import load_experiment, read_readings
 from qsframework.fits import identify
 from qsframework.report.printed import write_page
@@ -115,6 +116,31 @@ def measuring_day(images: Path) -> None:
             address = next(line.split()[0] for line in server.stdout if line.startswith("http"))
             screenshot(address, images / "day.png", "1200,1180")
             server.terminate()
+
+
+WALK = (1.0, 50.0, 100.0)
+"""Magnifications at which each pose of the moving picture is seen."""
+MILLISECONDS = (250, 250, 900)
+"""How long each of them stands."""
+
+
+def walk(images: Path) -> None:
+    """The M-900iB sags under the load at each pose of a plan, 100 times enlarged: a moving picture below 1 MB."""
+    from PIL import Image
+
+    experiment = load_experiment(EXPERIMENT)
+    plan, frames = design(experiment, 8, candidates=400, seed=1), list[Image.Image]()
+    with tempfile.TemporaryDirectory() as name:
+        picture = Path(name) / "frame.png"
+        pages = [Path(name) / f"{scale:g}.html" for scale in WALK]
+        for page, scale in zip(pages, WALK, strict=True):
+            page.write_text(show(experiment, plan, scale=scale).html())
+        for pose in range(1, 9):
+            for page in pages:
+                screenshot(page, picture, "560,400", f"#{pose}")
+                frames.append(Image.open(picture).convert("RGB").crop((0, 0, 560, 326)).quantize(64))
+    first, *others = frames
+    first.save(images / "walk.gif", save_all=True, append_images=others, duration=[*MILLISECONDS] * 8, loop=0)
 
 
 SESSION = """qsf robots
@@ -250,6 +276,7 @@ def every_page(pictures: Path) -> None:
 
 def main(images: Path = HERE / "images") -> None:
     """Design twelve poses for the M-900iB; picture report, plan in 3D, sheet; a certificate; and every robot."""
+    walk(images)
     certificate(images)
     measuring_day(images)
     for robot in sorted(path.parent.name for path in (HERE.parent / "robots").glob("*/robot.yaml")):

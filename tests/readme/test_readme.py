@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 import yaml
 from check_answers import pedestal, waves
+from PIL import Image
 from typer.testing import CliRunner
 
 from qsframework.cli.app import app
@@ -220,8 +221,13 @@ def test_the_two_files_of_the_m900ib_describe_one_campaign(root: Path) -> None:
         assert (a.xyz == b.xyz).all()
 
 
-def test_the_picture_is_there(root: Path) -> None:
-    for name in re.findall(r"!\[.*?\]\((.*?)\)", (root / "README.md").read_text()):
+def test_the_pictures_are_there_and_one_moves(root: Path) -> None:
+    """The moving one has three views of each of eight poses, in less than 1 MB."""
+    first, *others = re.findall(r"!\[.*?\]\((.*?)\)", (root / "README.md").read_text())
+    with Image.open(root / first) as moving:
+        assert moving.n_frames == 24
+    assert (root / first).stat().st_size < 1_000_000
+    for name in others:
         assert (root / name).read_bytes().startswith(b"\x89PNG")
 
 
