@@ -48,7 +48,7 @@ def spoilt_words(day: Day) -> str:
     """Which lines of the journal are none, what became of the others, and whether the clock went back."""
     lines = some_of([str(line) for line in day.record.spoilt], 20)
     kept = "All other records are kept; read again what is missing. readings_before.csv is the table as it was."
-    times = [float(record.get("time", 0.0)) for record in day.record.log]
+    times = [float(record["time"]) for record in day.record.log if "time" in record]
     back = max((before - after for before, after in pairwise(times)), default=0.0)
     clock = (
         f"This machine's clock was set back by {back:.0f} s during the session: time_s before and after do not compare."
