@@ -142,17 +142,15 @@ def _total(fit: Fit) -> str:
     if fit.total_covariance is None:
         return ""
     said = [
-        f"{e.name} {_percent(100 * total / abs(e.initial))}"
-        if e.initial
+        f"{e.name} {_percent(100 * total / abs(e.value))}"
+        if e.initial and e.value
         else f"{e.name} {shown_number(total, e.unit, 2)} {unit_shown(e.unit)}"
         for e, total in zip(fit.estimates, fit.sd_total, strict=True)
         if e.sd > 0.0 and total > _SAME * e.sd
     ]
     if not said:
         return "The load's stated uncertainty adds nothing that counts to these sds. "
-    return (
-        f"The sd above is that of the noise alone; with the load's stated uncertainty, of initial: {', '.join(said)}. "
-    )
+    return f"The sd above is that of the noise alone; with the load's stated uncertainty: {', '.join(said)}. "
 
 
 def error_tables(fit: Fit) -> tuple[ReportTable, ...]:

@@ -41,15 +41,15 @@ def test_columns_against_finite_differences(arm: Experiment, linear: bool) -> No
         assert np.allclose(columns[..., i], (ends[0] - ends[1]) / (2 * h), rtol=1e-5, atol=1e-9)
 
 
-def test_both_sds_are_shares_of_the_initial_value(arm: Experiment) -> None:
+def test_both_sds_are_shares_of_the_value(arm: Experiment) -> None:
     """An estimate far above its initial value: the total share is not below that of the noise."""
     fit = identify(arm, positions(arm, small_plan(arm, 6), np.zeros(4)), options=LINEAR)
     i = fit.names.index(SPRINGS[2])
     estimates = list(fit.estimates)
     estimates[i] = replace(estimates[i], value=4.0 * estimates[i].initial)
     caption = fit_table(replace(fit, estimates=tuple(estimates))).caption
-    share = 100 * fit.sd_total[i] / estimates[i].initial
+    share = 100 * fit.sd_total[i] / estimates[i].value
     assert f"{SPRINGS[2]} {share:.1f} %" in caption
-    estimates[i] = replace(estimates[i], initial=1e-30)
+    estimates[i] = replace(estimates[i], value=1e-30)
     row = next(r for r in fit_table(replace(fit, estimates=tuple(estimates))).rows if r[0].endswith("[elbow]"))
     assert "> 999 %" in row, "shares of next to nothing have no digits"
