@@ -25,11 +25,11 @@ def compensation_verdict(result: Compensation) -> Verdict:
     mark, word = Mark.GOOD, "Corrected"
     if result.notes:
         mark, word = Mark.LOOK, "Corrected, with notes"
+    before = mm(result.uncorrected.max())
     said = (
-        f"{moved} of {len(names)} target{'s' if len(names) > 1 else ''} moved: uncorrected up to "
-        f"{mm(result.uncorrected.max())} mm off ({mm(result.of_load.max())} by the load, {mm(result.of_own.max())} by "
-        f"{own_cause(result)}), "
-        f"then {mm(result.sd[worst])} mm to be expected at the worst, target {names[worst]}"
+        f"{moved} of {len(names)} target{'s' if len(names) > 1 else ''} corrected: {before} \u2192 "
+        f"{mm(result.sd[worst])} mm (largest, predicted; before: {mm(result.of_load.max())} by the load, "
+        f"{mm(result.of_own.max())} by {own_cause(result)}; after: target {names[worst]})"
     )
     if weak:
         mark, word = Mark.LOOK, "Corrected, but the fit is too uncertain for some"
@@ -39,7 +39,7 @@ def compensation_verdict(result: Compensation) -> Verdict:
         word,
         f"{said}.",
         (
-            (f"{mm(result.uncorrected.max())} mm", "uncorrected, largest"),
+            (f"{before} mm", "uncorrected, largest"),
             (f"{mm(result.sd[worst])} mm", "expected after, largest"),
             (f"{mm(float(np.sqrt(np.mean(result.sd**2))))} mm", "expected after, RMS"),
             (str(len(names)), "targets"),
