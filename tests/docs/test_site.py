@@ -136,7 +136,7 @@ def test_every_robot_has_its_picture(root: Path) -> None:
 
 def test_the_api_shows_the_verbs_with_their_docstrings(site: Path, pages: dict[Path, Page]) -> None:
     page = site / "api.html"
-    for name in ("design.design", "identify.identify", "diagnose.diagnose", "applications.compensate", "plugin.Spring"):
+    for name in ("plans.design", "fits.identify", "diagnoses.diagnose", "uses.compensate", "plugin.Spring"):
         assert f"qsframework.{name}" in pages[page].ids
     assert "certified against the best relaxed design" in page.read_text()
     names = [n for n in qsf.__all__ if n != "__version__"]
