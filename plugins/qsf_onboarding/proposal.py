@@ -99,15 +99,16 @@ def propose(
     arm, meshes, unread = with_meshes(arm, sources)
     stiffness = [row for row in _stiffness(arm, every, reach, _WRIST[heavy]) if row[0] not in following]
     balancer = find_balancer(source, base, chain)
+    table = _is_table(source)
     notes = (
         *_checklist(moving, payload, build, senses, balancer),
         *_size(every, far),
-        *(zero_notes(chain, bearing) if _is_table(source) else ()),
+        *(zero_notes(chain, bearing) if table else ()),
         *_told_following(following, led),
         *_found(arm, every, moving, guessed, impossible, heavy),
         *unread,
         *_left_out(dropped, lost),
-        *(f"file: {note}" for note in (*source.notes, *unread_of(source, sources))),
+        *(f"file: {note}" for note in (*source.notes, *(() if table else unread_of(source, sources)))),
     )
     files = {
         f"{name}.urdf": _urdf_text(arm, name, base, bool(guessed)),

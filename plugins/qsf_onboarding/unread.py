@@ -45,10 +45,8 @@ _MEANINGS = {
 def unread_of(urdf: Urdf, sources: Sources) -> list[str]:
     """Elements and attributes of a file that are not read, each with the lines where it stands and what to look at.
 
-    A sentence for each kind of element or attribute, in the order of the file; of a table none.
+    A sentence for each kind of element or attribute, in the order of the file.
     """
-    if all(link.place.line is None for link in urdf.links):
-        return []
     root = read_tree(urdf.path, urdf.path.parent, sources, [])
     found: dict[tuple[str, str], list[str]] = {}
     for kind, meaning, place in _unread(root):

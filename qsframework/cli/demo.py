@@ -123,10 +123,9 @@ def real_readings(tell: Tell) -> tuple[list[Section], dict[str, Any]]:
         tell(label, i, len(models))
         fits[name] = identify(variant, readings)
     tell(label, len(models), len(models))
-    last = next(reversed(models.values()))
-    shown = list(fits.values())[-1]
+    name, last = next(reversed(models.items()))
     sections = [
-        where_section(shown, last, readings, "R-2000iC: where the errors are, with the off-axis spring"),
+        where_section(fits[name], last, readings, "R-2000iC: where the errors are, with the off-axis spring"),
         _compare_models(fits),
         fit_section(fits["joint springs, J3 absolute"], "R-2000iC: fit of the joint springs"),
         computed(last, [experiment.path, *experiment.data], None, (EQUILIBRIUM, LEAST_SQUARES)),

@@ -41,9 +41,9 @@ def _stiffness(e: Estimate) -> float:
     return 1.0 / e.value if e.unit in ("rad/(N m)", "m/N") and e.value > 0.0 else math.nan
 
 
-def _share(e: Estimate) -> float:
-    """The sd as a share of the value beside it; none of what is nominally zero, as an offset."""
-    return e.sd / abs(e.value) if e.initial and e.value and e.sd > 0.0 else math.nan
+def share_of(e: Estimate, sd: float) -> float:
+    """An sd as a share of the value beside it; none of what is nominally zero, as an offset."""
+    return sd / abs(e.value) if e.initial and e.value and sd > 0.0 else math.nan
 
 
 COLUMNS = [
@@ -53,7 +53,7 @@ COLUMNS = [
     FitColumn(key="sd_total", value=lambda fit, e: fit.sd_total[fit.names.index(e.name)] + 0.0 * e.sd, unit=OWN),
     FitColumn(key="unit", head="unit", value=lambda _, e: e.unit, unit=OWN, brief=True),
     FitColumn(head="stiffness", value=lambda _, e: _stiffness(e), unit="stiffness"),
-    FitColumn(head="sd, %", value=lambda _, e: _share(e), unit="%", brief=True),
+    FitColumn(head="sd, %", value=lambda _, e: share_of(e, e.sd), unit="%", brief=True),
     FitColumn(key="share", head="identified, %", value=lambda _, e: math.nan if e.share is None else e.share, unit="%"),
     FitColumn(key="limit", head="95 % limit", value=lambda _, e: e.limit, unit=OWN),
     FitColumn(key="initial", head="initial", value=lambda _, e: e.initial, unit=OWN, brief=True),

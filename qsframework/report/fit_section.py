@@ -10,7 +10,7 @@ from qsframework.errors import some_of
 from qsframework.experiment import Experiment, Readings
 from qsframework.experiment.observations import values_before
 from qsframework.fits import Estimate, Fit, FitRecord, Masked
-from qsframework.fits.columns import COLUMNS, ERRORS, OWN, SUITED, FitColumn
+from qsframework.fits.columns import COLUMNS, ERRORS, OWN, SUITED, FitColumn, share_of
 from qsframework.report.blocks import Block, ReportTable, SceneView, Section, Text
 from qsframework.report.fit_plots import (
     correlation_blocks,
@@ -142,8 +142,8 @@ def _total(fit: Fit) -> str:
     if fit.total_covariance is None:
         return ""
     said = [
-        f"{e.name} {_percent(100 * total / abs(e.value))}"
-        if e.initial and e.value
+        f"{e.name} {_percent(100 * share)}"
+        if np.isfinite(share := share_of(e, total))
         else f"{e.name} {shown_number(total, e.unit, 2)} {unit_shown(e.unit)}"
         for e, total in zip(fit.estimates, fit.sd_total, strict=True)
         if e.sd > 0.0 and total > _SAME * e.sd

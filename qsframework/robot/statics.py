@@ -47,10 +47,8 @@ def check_gravity(robot: Robot, q: Array) -> tuple[bool, str]:
     for k in range(robot.facts.n):
         step = _STEP * np.eye(robot.facts.n)[k]
         slope[:, k] = (potential_energy(robot, q + step) - potential_energy(robot, q - step)) / (2 * _STEP)
-    scale, nothing = (
-        float(np.abs(held).max()),
-        _NOTHING * float(robot.facts.masses.sum() * np.linalg.norm(robot.gravity)),
-    )
+    scale = float(np.abs(held).max())
+    nothing = _NOTHING * float(robot.facts.masses.sum() * np.linalg.norm(robot.gravity))
     if not scale > nothing:
         if not robot.gravity.any():
             return False, "no joint carries any weight: gravity_m/s^2 is zero"
