@@ -45,7 +45,7 @@ class Frozen(Stages):
         return tangents(self, wanted, self.states)
 
 
-def frozen(model: Structure, poses: Poses, x: Array, states: Sequence[bool]) -> Frozen:
+def frozen_states(model: Structure, poses: Poses, x: Array, states: Sequence[bool]) -> Frozen:
     """Run all stages for one state, loaded or not, or for both of an arm that is the same in both: (True, False).
 
     What gravity bends drops out of the difference where every law is linear.

@@ -12,14 +12,14 @@ from functools import reduce
 
 import numpy as np
 
-from qsframework.elastostatics.frozen import Frozen, frozen
+from qsframework.elastostatics.frozen import Frozen, frozen_states
 from qsframework.elastostatics.layout import make_layout
 from qsframework.elastostatics.settled import SettledState, one_state
 from qsframework.elastostatics.state import Site
 from qsframework.elastostatics.structure import Structure, chunks
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.plugin import Array, Effect, Parameter, Poses, RobotFacts, Spring, SpringLaw
-from qsframework.plugin.facts import frozen as unwritable
+from qsframework.plugin.facts import frozen
 from qsframework.plugin.kinds import At
 from qsframework.plugin.loops import follow, with_branches
 from qsframework.plugin.settings import twice_hint
@@ -102,9 +102,9 @@ class Model(Structure):
         """What is read of a batch: each state by itself, or both at once where the arm is alike in both but for its
         load and nothing settles."""
         if linear and not self.differs(x) and set(self.by_state).isdisjoint(wanted):
-            return [frozen(self, poses, x, states)]
+            return [frozen_states(self, poses, x, states)]
         if linear:
-            return [frozen(self, poses, x, (loaded,)) for loaded in states]
+            return [frozen_states(self, poses, x, (loaded,)) for loaded in states]
         last = one_state(self, poses, x, states[-1])
         return [one_state(self, poses, x, loaded, last) for loaded in states[:-1]] + [last]
 
@@ -149,7 +149,7 @@ def make_model(
         tip=tip,
         markers=tuple(site for _, site in markers),
         marker_names=tuple(name for name, _ in markers),
-        gravity=unwritable(gravity),
+        gravity=frozen(gravity),
         law_rows=tuple(_law_rows(e, facts, ordered) for e in ordered if isinstance(e, SpringLaw)),
         compliance_rows=tuple(
             part.start + i

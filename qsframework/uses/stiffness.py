@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from qsframework.arguments import checked
 from qsframework.elastostatics import Model, cartesian_compliance, equilibrium, make_model, range_notes
-from qsframework.elastostatics.frozen import frozen
+from qsframework.elastostatics.frozen import frozen_states
 from qsframework.elastostatics.state import site_in
 from qsframework.errors import InputError, Problem
 from qsframework.plausible import TOOL, too_strong
@@ -152,5 +152,5 @@ def spring_names(model: Model) -> tuple[str, ...]:
 
 def spring_shares(model: Model, poses: Poses, x: Array | None = None) -> Array:
     """Translation (N, ne, 3) m of the tip that each spring's deflection makes at N poses, linear model."""
-    ev = frozen(model, poses, model.nominal if x is None else x, (True, False))
+    ev = frozen_states(model, poses, model.nominal if x is None else x, (True, False))
     return np.asarray((ev.state.tip.linear * ev.deflection[:, None, :]).transpose(2, 0, 1))
