@@ -89,7 +89,7 @@ def setting(case: Case) -> tuple[Experiment, Readings, Observations, Array, Arra
     observations = seen.observations()
     exact = observations.predict(truth)
     predict, jacobian = (_remembered(f) for f in (observations.predict, observations.jacobian))
-    observations = replace(observations, predict=predict, jacobian=jacobian, rates=None)
+    observations = replace(observations, predict=predict, jacobian=jacobian)
     if case.nominal == 1.0:  # the model bends by 1e-5 only: its slope at the truth stands for it, and is quick
         A = observations.jacobian(truth)
         observations = replace(observations, predict=lambda x: exact + A @ (x - truth), jacobian=lambda x: A)

@@ -18,7 +18,6 @@ class Observations:
     measured    (m,) SI
     predict     x (p,) -> (m,)
     jacobian    x (p,) -> (m, p), of the prediction there
-    rates       both at once, where that is cheaper than one after the other; None: it is not
     parameters  the p parameters: nominal value, bounds, prior sd, scale
     noise       covariance of the readings, up to a factor where `stated` is False
     block       (m,) number of what is left out together: the pose, and all that shares its references
@@ -39,7 +38,6 @@ class Observations:
     prior: Array | None = None
     prior_sd: Array | None = None
     reach: float = 0.0
-    rates: Callable[[Array], tuple[Array, Array]] | None = None
 
     @property
     def names(self) -> tuple[str, ...]:

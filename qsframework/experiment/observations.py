@@ -570,7 +570,7 @@ class ObservationModel:
 
         return Observations(
             measured=self.rows.scalars,
-            predict=self.predict,
+            predict=lambda z: last(z.tobytes())[0],
             jacobian=lambda z: last(z.tobytes())[1],
             parameters=self.parameters,
             noise=self.rows.noise,
@@ -578,7 +578,6 @@ class ObservationModel:
             row=self.rows.row,
             stated=self.rows.stated,
             reach=self.reach,
-            rates=lambda z: last(z.tobytes()),
             prior=np.concatenate([np.zeros(self.motions), self.priors.value[own]]),
             prior_sd=np.concatenate([np.full(self.motions, np.inf), self.priors.sd[own]]),
         )
