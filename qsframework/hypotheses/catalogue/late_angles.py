@@ -126,9 +126,10 @@ def _sums(fit: Linearized, given: Linearized, seen: Visits) -> Array:
     out = np.zeros((len(seen) + 1, both.shape[1] + 1, both.shape[1] + 1))
     ends = np.cumsum(np.bincount(visit, minlength=len(seen)))
     for v, part in enumerate(np.split(both[np.argsort(visit, kind="stable")], ends[:-1])):
-        out[v + 1, :-1, :-1] = part.T @ part
-        out[v + 1, -1, -1] = len(part)
-    return np.cumsum(out, axis=0)
+        out[v + 1] = out[v]
+        out[v + 1, :-1, :-1] += part.T @ part
+        out[v + 1, -1, -1] += len(part)
+    return out
 
 
 def _turn(total: Array) -> Array:
