@@ -8,7 +8,7 @@ from qsframework.cli.commands import distinct_outputs, note_folders, write_json
 from qsframework.cli.numbers import numbers, point_of, wrench_of
 from qsframework.cli.printing import print_folded, print_notes, print_table
 from qsframework.report.blocks import ReportTable, SceneView, Section, Text
-from qsframework.report.stiffness_section import deflection_words, stiffness_tables
+from qsframework.report.stiffness_section import deflection_words, stiffness_tables, stiffness_verdict
 from qsframework.robot import load_robot
 from qsframework.uses import stiffness_at
 
@@ -43,7 +43,8 @@ def run_stiffness(robot: str, pose: str, load: str, point: str, json: Path | Non
         seen = Section("In 3D", (_view(robot, pose, load, point, stiffness_tables(result)[0]),))
         laws = (LINEAR, EQUILIBRIUM, STIFFNESS)
         own = provenance_section(arm.effects, [], None, laws, arm.parameters, [arm])
-        path = write_report(report, f"Stiffness: {arm.title}", [section, seen, own])
+        sections = [seen, section, own]
+        path = write_report(report, f"Stiffness: {arm.title}", sections, stiffness_verdict(result))
         print(f"report: {path}")
 
 

@@ -89,7 +89,7 @@ def compare_sections(result: Comparison) -> tuple[Section, ...]:
             [r.deflection * 1e3 for r in result.robots],
             "mm",
             "Deflection under the map's force",
-            "All maps share one colour scale, in powers of ten: darker deflects more; grey cells are not reached "
+            "All maps share one colour scale, in powers of ten: darker is softer; grey cells are not reached "
             "with the tool pointing that way. Look for robots that are dark where the work (crosses) is, and for "
             "jumps, where the arm changes its posture.",
         ),
@@ -98,7 +98,7 @@ def compare_sections(result: Comparison) -> tuple[Section, ...]:
             [r.softest * 1e-6 for r in result.robots],
             "N/um",
             "Stiffness in the softest direction",
-            "The force per micrometre in the most compliant direction, in powers of ten. Darker is stiffer. Look at "
+            "The force per micrometre in the most compliant direction, in powers of ten. Darker is softer. Look at "
             "the smallest value in the part of the workspace that the task needs.",
         ),
     )
@@ -115,7 +115,8 @@ def compare_sections(result: Comparison) -> tuple[Section, ...]:
 
 
 def _map(result: Comparison, values: list[Array], unit: str, title: str, caption: str) -> Figure:
-    return Figure(heat_maps(result, values, unit, title), caption, map_table(result, values, unit), wide=True)
+    maps = heat_maps(result, values, unit, title, soft_is_high=unit == "mm")
+    return Figure(maps, caption, map_table(result, values, unit), wide=True)
 
 
 _PATH = (
@@ -139,8 +140,9 @@ def path_view(result: Comparison) -> SceneView:
     )
 
 
-def heat_maps(result: Comparison, values: list[Array], unit: str, title: str) -> Plot:
-    """One heat map for each robot over x and z, all on one logarithmic scale; grey where it does not reach."""
+def heat_maps(result: Comparison, values: list[Array], unit: str, title: str, soft_is_high: bool) -> Plot:
+    """One heat map for each robot over x and z, all on one logarithmic scale, dark where the arm is soft; grey where it
+    does not reach."""
     task, count = result.task, len(result.robots)
     names = [html.escape(r.robot.title.split(",")[0]) for r in result.robots]
     figure = panels(f"{title}, {unit}, at y = {task.map_y:g} m", 1, count, names, 420)
@@ -174,7 +176,7 @@ def heat_maps(result: Comparison, values: list[Array], unit: str, title: str) ->
     figure.update_layout(
         plot_bgcolor="#ddd",
         margin={"t": 40},
-        coloraxis={"colorscale": "Cividis", "reversescale": True, "colorbar": bar},
+        coloraxis={"colorscale": "Cividis", "reversescale": soft_is_high, "colorbar": bar},
     )
     return figure.update_xaxes(showgrid=False, zeroline=False).update_yaxes(showgrid=False, zeroline=False)
 

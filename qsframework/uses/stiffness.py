@@ -15,7 +15,7 @@ from qsframework.elastostatics.frozen import frozen_states
 from qsframework.elastostatics.state import site_in
 from qsframework.errors import InputError, Problem
 from qsframework.plausible import TOOL, too_strong
-from qsframework.plugin import Array, Poses
+from qsframework.plugin import Array, Parameter, Poses
 from qsframework.robot import Robot, as_robot
 from qsframework.uses.inverse import poses_at
 from qsframework.viewed import Viewed
@@ -25,13 +25,13 @@ from qsframework.viewed import Viewed
 class Stiffness(Viewed):
     """One pose under one load.
 
-    linear, full (3,) m: translation of the load point, loaded minus unloaded; rotation (3,) rad: of
-    its link, full; shares: spring name -> translation (3,) m that it adds in the linear model;
+    springs: the compliances, in the order of shares (ne, 3) m: the translation that each adds in the linear model;
+    linear, full (3,) m: translation of the load point, loaded minus unloaded; rotation (3,) rad: of its link, full;
     compliance, compliance_without_load (6, 6): tip twist per unit wrench with the whole Hessian of
     equation (18), and with the compensators' part alone; notes: what was asked beyond where a law holds
     """
 
-    names: tuple[str, ...]
+    springs: tuple[Parameter, ...]
     shares: Array
     linear: Array
     full: Array
@@ -39,6 +39,11 @@ class Stiffness(Viewed):
     compliance: Array
     compliance_without_load: Array
     notes: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the springs."""
+        return tuple(p.name for p in self.springs)
 
     @property
     def linear_error(self) -> float:
@@ -102,7 +107,7 @@ def stiffness_at(
     turn = loaded.tip_rotation[0] @ unloaded.tip_rotation[0].T
     rotation = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
     return Stiffness(
-        names=spring_names(model),
+        springs=tuple(model.parameters[i] for i in model.index(spring_names(model))),
         shares=spring_shares(model, poses)[0],
         linear=model.predict(poses, linear=True)[0, 0],
         full=(loaded.tip - unloaded.tip)[0],

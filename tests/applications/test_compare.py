@@ -178,7 +178,7 @@ def test_loads_that_tell_nothing_are_said(task: Task) -> None:
 
 
 def test_the_figures_hold_the_numbers(result: Comparison, task: Task) -> None:
-    figure = heat_maps(result, [r.deflection * 1e3 for r in result.robots], "mm", "Deflection")
+    figure = heat_maps(result, [r.deflection * 1e3 for r in result.robots], "mm", "Deflection", soft_is_high=True)
     maps = [t for t in figure.data if t["type"] == "heatmap"]
     assert len(maps) == 2
     for trace, r in zip(maps, result.robots, strict=True):
