@@ -22,7 +22,7 @@ class BudgetStep:
 
 
 def error_budget(diagnosis: Diagnosis) -> tuple[BudgetStep, ...]:
-    """Nominal, identified, each cause in the order of its evidence, and the noise.
+    """Nominal, identified, each cause in the order of its evidence, a learned law that holds, and the noise.
 
     Steps between the identified and the extended model are fits of the linearised model with the causes so far; held
     out means one pose after the other, the causes given. Both ends are those of the diagnosis itself.
@@ -37,6 +37,9 @@ def error_budget(diagnosis: Diagnosis) -> tuple[BudgetStep, ...]:
         steps.append(BudgetStep(f"+ {f.name}", *linear_errors(case, so_far, diagnosis.baseline.residuals)[:2]))
     if found:
         steps[-1] = BudgetStep(steps[-1].label, e.extended, e.heldout_extended)
+    if (learned := diagnosis.learned) is not None and learned.holds:
+        here = float(np.sqrt(np.sum(learned.fit.residuals**2) / case.count))
+        steps.append(BudgetStep(f"+ {learned.name}", here, learned.heldout))
     return (*steps, BudgetStep("noise", e.noise, e.noise))
 
 

@@ -159,6 +159,11 @@ class ReadingRows:
         """Name of the pose of each row."""
         return tuple(self.readings.states.pose[int(s)] for s in self.plus)
 
+    def places(self, experiment: Experiment) -> Array:
+        """Where (R, 3) m, base frame, a rigid nominal arm has the marker of each row."""
+        used, at = np.unique(self.plus, return_inverse=True)
+        return experiment.rigid_places(self.readings.poses.q[used])[at, self.marker]
+
     def sharing(self, shared: float) -> ReadingRows:
         """The same rows, the markers of a visit with a common error of this sd."""
         return replace(self, shared=shared)

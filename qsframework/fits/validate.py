@@ -66,7 +66,8 @@ class Validation(Viewed):
     """Errors of all readings and of each series or kind; halves: how many random halves they are of, 0 for none.
 
     account: that of the fit; seen: whether the fit was made of these readings; spread (halves,): RMS of the 3D error of
-    each half, m; lines, file (R,): of the readings; poses: their names; notes: what the errors do not say
+    each half, m; lines, file (R,): of the readings; poses: their names; places (R, 3): of their markers, m, base frame;
+    notes: what the errors do not say
     """
 
     robot: str
@@ -78,6 +79,7 @@ class Validation(Viewed):
     spread: Array
     lines: Indices
     poses: tuple[str, ...]
+    places: Array
     notes: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
@@ -135,7 +137,7 @@ def validate(experiment: Experiment, readings: Readings, fit: FitRecord, *, anyw
     x = fit.x_of(model)
     errors = rows.measured - rows.predict(model, x, fitted_frames(fit, rows, model, x), fit.linear)
     before = errors_before(experiment, rows, fit.model_names(experiment), fit.linear)
-    found = _validation(fit, rows, errors, before, seen=fit.account.has_used(readings))
+    found = _validation(experiment, fit, rows, errors, before, seen=fit.account.has_used(readings))
     return replace(found, notes=(*doubted, *rows.range_notes(model, x)))
 
 
@@ -178,7 +180,7 @@ def validate_halves(
     both = np.array([place[k] for part, _ in every for k in part.keep.tolist()], dtype=np.intp)
     before = errors_before(experiment, rows, fit.model_names(experiment), fit.linear)[both]
     errors = np.concatenate([e for _, e in every])
-    found = _validation(fit, rows.take(both), errors, before, halves=halves, spread=spread)
+    found = _validation(experiment, fit, rows.take(both), errors, before, halves=halves, spread=spread)
     return replace(found, notes=(*doubted, *((lost,) if lacking else ())))
 
 
@@ -200,6 +202,7 @@ def _half(
 
 
 def _validation(
+    experiment: Experiment,
     fit: FitRecord,
     rows: ReadingRows,
     errors: Array,
@@ -227,4 +230,5 @@ def _validation(
         spread=np.zeros(0) if spread is None else spread,
         lines=readings.line[rows.keep],
         poses=rows.pose_names,
+        places=rows.places(experiment),
     )

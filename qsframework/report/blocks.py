@@ -85,8 +85,10 @@ Block = Text | Lines | ReportTable | Figure | SceneView
 
 @dataclass(frozen=True)
 class Section:
-    """A titled part of a report; folded: evidence that stands closed until somebody wants it, or prints."""
+    """A titled part of a report; folded: evidence that stands closed until somebody wants it, or prints; new_page:
+    begins one on paper."""
 
     title: str
     blocks: tuple[Block, ...]
     folded: bool = False
+    new_page: bool = False

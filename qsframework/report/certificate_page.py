@@ -1,7 +1,8 @@
-"""A certificate: a report whose first sheet holds the result, and which is signed on its last."""
+"""A certificate: a page that is signed, with the result and what it is valid for, and an annex of the evidence."""
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 from qsframework.files import sha256
 from qsframework.fits.columns import SUITED
 from qsframework.report.blocks import Block, Lines, Mark, ReportTable, Section, Text, Verdict
+from qsframework.report.error_maps import placed_maps
 from qsframework.report.fit_plots import distribution_figure
 from qsframework.report.page import write_report
 from qsframework.report.plots import GREY
@@ -27,6 +29,9 @@ from qsframework.report.words.sizes import mm, shown
 from qsframework.uses.certificate import Certificate, DeviceSpec, PartySpec, Quantity
 
 _KELVIN = 273.15
+_BAR = 12
+"""Blocks of a bar that is the whole variance."""
+_BLOCK = "\N{FULL BLOCK}"
 _MARKS = {True: Mark.GOOD, False: Mark.BAD, None: Mark.LOOK}
 
 
@@ -56,23 +61,30 @@ def _result(found: Certificate) -> Verdict:
 
 
 def _sections(found: Certificate) -> list[Section]:
-    """Scope, errors, budget, parameters, conditions, files and signatures."""
+    """The page that is signed: scope, errors, uncertainty, validity, signatures; and the annex: errors, parameters, and
+    the files, of whose list the page holds the hash."""
+    quantity = found.fit.account.quantity
     scope = tuple(Text(said) for said in found.fit.account.scope())
     remarks = " ".join(filter(None, (found.meta.remarks, *(f"{note}." for note in found.notes))))
+    valid = Lines((*(("", said) for said in assumed_words(found)), *((("Remarks:", remarks),) if remarks else ())))
     files = dict.fromkeys([*found.files, *robot_files(found.experiment.robot)])
     hashes = tuple((p.name, sha256(p)) for p in files)
+    listed = hashlib.sha256("".join(f"{digest}  {name}\n" for name, digest in hashes).encode()).hexdigest()
     software = f"Computed by qsframework {version('qsframework')}. The same files give the same certificate."
+    signed = ReportTable(
+        ("date", "operator", "approved by"),
+        (("", "", ""),),
+        f"SHA-256 of the files in the annex, as sha256sum lists them: {listed}",
+    )
     return [
         Section("What was measured", (*scope, Lines(tuple(_conditions(found))))),
-        Section(f"Error of the {found.fit.account.quantity} before and after calibration", _errors(found)),
-        Section(f"Uncertainty of a corrected {found.fit.account.quantity}", _budget(found)),
-        Section("Parameters", (_parameters(found),)),
-        Section(
-            "What was assumed",
-            (Lines(tuple(("", said) for said in assumed_words(found))), *((Text(remarks),) if remarks else ())),
-        ),
-        Section("Files", (ReportTable(("file", "SHA-256"), hashes, software),)),
-        Section("Signatures", (ReportTable(("date", "operator", "approved by"), (("", "", ""),)),)),
+        Section(f"Error of the {quantity} before and after calibration", (_errors(found),)),
+        Section(f"Uncertainty of a corrected {quantity}", (_budget(found),)),
+        Section("What was assumed, and when it is void", (valid,)),
+        Section("Signatures", (signed,)),
+        Section("Annex: the parameters", (_parameters(found),), new_page=True),
+        Section("Annex: the errors", _evidence(found)),
+        Section("Annex: the files", (ReportTable(("file", "SHA-256"), hashes, software),)),
     ]
 
 
@@ -87,8 +99,8 @@ def _conditions(found: Certificate) -> list[tuple[str, str]]:
     return [*(row for row in out if row[1]), *([("Not stated:", "; ".join(missing))] if missing else [])]
 
 
-def _errors(found: Certificate) -> tuple[Block, ...]:
-    """The 3D error before and after, as numbers and as a distribution; accuracy by ISO 9283 where it was measured."""
+def _errors(found: Certificate) -> ReportTable:
+    """The 3D error before and after."""
     quantity, whole = found.fit.account.quantity, found.validation.whole
     names = ("RMS", "mean", "95 % of the readings within", "maximum")
     rows = tuple(zip(names, *(map(mm, whole.summary(before)) for before in (True, False)), strict=True))
@@ -96,14 +108,21 @@ def _errors(found: Certificate) -> tuple[Block, ...]:
         f"{held_out_words(found)} The error is the distance in space between the measured and the predicted "
         f"{quantity}; before: of the arm with the values that it had before these readings, {SUITED}."
     )
+    return ReportTable(("3D error, mm", "before", "after"), rows, said)
+
+
+def _evidence(found: Certificate) -> tuple[Block, ...]:
+    """The errors as a distribution and over the workspace; accuracy by ISO 9283 where it was measured."""
+    whole, validation = found.validation.whole, found.validation
     picture = distribution_figure({"before": whole.distances(before=True), "after": whole.distances()})
     if found.conformity is not None:
         tolerance = 1e3 * found.conformity.tolerance
         picture.figure.add_vline(tolerance, line={"color": GREY}, annotation_text="tolerance")
+    maps = placed_maps(validation.places, validation.poses, {"before": whole.before, "after": whole.errors})
     again = arrivals(found)
     iso = "By ISO 9283, which asks for 30 arrivals at each pose; the numbers are of as many as were measured."
     table = (ReportTable(("poses that were reached again", ""), tuple(again), iso),) if again else ()
-    return (ReportTable(("3D error, mm", "before", "after"), rows, said), picture, *table)
+    return (picture, *maps, *table)
 
 
 def _parameters(found: Certificate) -> ReportTable:
@@ -115,15 +134,20 @@ def _parameters(found: Certificate) -> ReportTable:
     return ReportTable(tuple(header[k] for k in kept), tuple(tuple(row[k] for k in kept) for row in rows))
 
 
-def _budget(found: Certificate) -> tuple[Block, ...]:
-    """Source, how it is known, standard uncertainty mm, share of the variance; and what they come to."""
+def _budget(found: Certificate) -> ReportTable:
+    """Source, how it is known, standard uncertainty mm, share of the variance as a number and as a bar; and what they
+    come to."""
     whole = sum(s.standard**2 for s in found.budget) or 1.0
-    rows = tuple((*SOURCES[s.source], mm(s.standard, 4), f"{100 * s.standard**2 / whole:.0f} %") for s in found.budget)
+    shares = [s.standard**2 / whole for s in found.budget]
+    rows = tuple(
+        (*SOURCES[s.source], mm(s.standard, 4), f"{_BLOCK * round(_BAR * share)} {100 * share:.0f} %".strip())
+        for s, share in zip(found.budget, shares, strict=True)
+    )
     said = (
         f"A corrected {found.fit.account.quantity}, without the instrument that checks it: "
         f"U = {mm(found.fit.coverage * found.corrected)} mm in space, k = {found.fit.coverage:.3g} (about 95 %)."
     )
-    return (ReportTable(("source", "known from", "standard, mm", "share"), rows, said),)
+    return ReportTable(("source", "known from", "standard, mm", "share"), rows, said)
 
 
 def heads(found: Certificate) -> list[tuple[str, list[tuple[str, str]]]]:

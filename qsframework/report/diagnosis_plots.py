@@ -5,7 +5,6 @@ from __future__ import annotations
 import html
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -24,6 +23,7 @@ from qsframework.report.blocks import Figure, ReportTable
 from qsframework.report.numbers import row_table
 from qsframework.report.plots import AFTER, BARS, BEFORE, BLACK, BLUE, COLOURS, GREY, ORANGE, SKY, blank, panels
 from qsframework.report.words.law import place_words, variable_words
+from qsframework.report.words.sizes import mm
 
 _ACROSS = 3
 _MOST = 80
@@ -72,47 +72,44 @@ def _axes(learned: LearnedLaw) -> tuple[str, ...]:
 
 
 def budget_figure(diagnosis: Diagnosis) -> Figure:
-    """The held-out error, cause by cause, down to the noise."""
+    """The held-out error from the identified model on, cause by cause, down to the noise."""
     space = diagnosis.rms.in_space
     steps = [replace(s, readings=space(s.readings), heldout=space(s.heldout)) for s in error_budget(diagnosis)]
-    body, noise = steps[:-1], steps[-1]
-    labels = [html.escape(s.label) for s in body]
-    held = [1e3 * s.heldout for s in body]
-    figure = blank("Error budget", "", "3D RMS, mm")
-    ends = np.array([*held, held[-1]])
-    foot = np.array([0.0, *np.minimum(held[1:], held[:-1]), 0.0])
-    top = np.array([ends[0], *np.maximum(held[1:], held[:-1]), ends[-1]])
-    falls = [False, *(after <= before for before, after in pairwise(held)), False]
-    names = [*labels, "extended"]
-    for said, look, at in (
-        ("held-out", {"color": SKY}, [0, len(held)]),
-        ("reduced by", {"color": BLUE}, [i for i in range(1, len(held)) if falls[i]]),
-        ("rises by", BARS[0], [i for i in range(1, len(held)) if not falls[i]]),
+    nominal, *body, noise = steps
+    if len(body) > 1:
+        body.append(replace(body[-1], label="extended"))
+    names = [html.escape(s.label) for s in body]
+    held = 1e3 * np.array([s.heldout for s in body])
+    before = np.concatenate([held[:1], held[:-1]])
+    whole = np.isin(np.arange(len(body)), (0, len(body) - 1))
+    figure = blank("Error budget", "3D RMS, mm", "", 150 + 50 * len(body))
+    for said, look, kind in (
+        ("held-out", {"color": SKY}, whole),
+        ("reduced by", {"color": BLUE}, ~whole & (held <= before)),
+        ("rises by", BARS[0], ~whole & (held > before)),
     ):
-        if at:
-            figure.add_bar(
-                x=[names[i] for i in at],
-                y=(top - foot)[at],
-                base=foot[at],
-                name=said,
-                marker=look,
-            )
-    left = {"tickvals": names, "ticktext": [f"{n}<br>{v:.3f} mm" for n, v in zip(names, ends, strict=True)]}
-    figure.update_layout(barmode="overlay", xaxis={"categoryorder": "array", "categoryarray": names, **left})
-    on = [1e3 * s.readings for s in body]
+        foot, top = np.where(whole, 0.0, np.minimum(held, before)), np.where(whole, held, np.maximum(held, before))
+        at = np.flatnonzero(kind)
+        if len(at):
+            bars = {"y": [names[i] for i in at], "x": (top - foot)[at], "base": foot[at], "width": 0.6}
+            figure.add_bar(**bars, orientation="h", name=said, marker=look)
+    ends = [f"{name}<br>{v:.3f} mm" for name, v in zip(names, held, strict=True)]
+    order = {"categoryorder": "array", "categoryarray": names, "autorange": "reversed"}
+    figure.update_layout(barmode="overlay", yaxis={**order, "tickvals": names, "ticktext": ends})
     figure.add_scatter(
-        x=[*labels, "extended"],
-        y=[*on, on[-1]],
+        x=[1e3 * s.readings for s in body],
+        y=names,
         mode="markers",
         name="on the readings",
         marker={"symbol": "diamond", "size": 9, "color": BLACK},
     )
-    figure.add_hline(1e3 * noise.heldout, line={"color": GREY, "dash": "dot"}, annotation_text="noise")
+    band: dict[str, Any] = {"fillcolor": GREY, "opacity": 0.2, "line_width": 0, "layer": "below"}
+    figure.add_vrect(0.0, 1e3 * noise.heldout, name="noise", showlegend=True, **band)
     return Figure(
         figure,
-        "Bars: the held-out error, from the nominal to the extended model; the number is what is left after "
-        "each step. Look for bars that become visibly shorter: these causes reduce the error; what stays above the "
-        "dotted line is still unexplained. Diamonds far below the bars would say that the model follows the noise.",
+        f"Bars: the held-out error; the number is what is left after each step. The nominal model: "
+        f"{mm(nominal.heldout)} mm. Look for steps that bring it clearly nearer to the noise (grey); what reaches "
+        "beyond the grey at the end is unexplained. Diamonds far inside the bars: the model follows the noise.",
         row_table(
             ("3D RMS", "held-out, mm", "on the readings, mm"),
             [[s.label for s in steps], [1e3 * s.heldout for s in steps], [1e3 * s.readings for s in steps]],

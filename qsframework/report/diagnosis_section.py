@@ -5,15 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from qsframework.diagnoses.result import Diagnosis
 from qsframework.diagnoses.second_day import FollowUp
+from qsframework.experiment import make_rows
 from qsframework.report import diagnosis_plots as plots, diagnosis_tables as tables
 from qsframework.report.blocks import Block, Section, Text
+from qsframework.report.error_maps import error_maps
 from qsframework.report.fit_plots import residual_view
 from qsframework.report.provenance import EQUILIBRIUM, LEAST_SQUARES, LINEAR, provenance_section
 from qsframework.report.words.diagnosis import method_words
 from qsframework.report.words.follow_up import follow_up_words
+from qsframework.report.words.law import place_words
 from qsframework.report.words.noise import audit_words, misfit_words
+from qsframework.report.words.sizes import kind_and_place
 
 _HOW = (
     "Wrong conventions are applied and refitted first. The exact model (full equilibrium, every law) is fitted by "
@@ -25,6 +31,8 @@ _HOW = (
 )
 
 
+_DIM = 0.25
+"""Brightness of a place of a small share: still to be seen."""
 _LAWS = (
     ("score of a cause", "s^2 = |P r|^2, P onto the cause's part of the Jacobian that the fit leaves", "Rao 1948"),
     ("chance over all causes", "adjusted p = share of simulated maxima above s (max-T)", "Westfall, Young 1993"),
@@ -52,9 +60,6 @@ def diagnosis_sections(diagnosis: Diagnosis, files: Sequence[Path], day: FollowU
 
 
 def _verdict(diagnosis: Diagnosis, day: FollowUp | None) -> Iterator[Block]:
-    for title, rows in tables.verdict_groups(diagnosis, day):
-        yield Text(f"{title}:")
-        yield rows
     yield plots.budget_figure(diagnosis)
     yield residual_view(
         diagnosis.experiment,
@@ -63,9 +68,20 @@ def _verdict(diagnosis: Diagnosis, day: FollowUp | None) -> Iterator[Block]:
         diagnosis.residuals(),
         ("before", "after the extension"),
         "Look for red arrows that turn together with a link.",
-        [f.name for f in diagnosis.findings],
+        _suspects(diagnosis),
     )
+    for title, rows in tables.verdict_groups(diagnosis, day):
+        yield Text(f"{title}:")
+        yield rows
     yield tables.error_rows(diagnosis)
+
+
+def _suspects(diagnosis: Diagnosis) -> dict[str, tuple[str, float]]:
+    """What glows on the arm: the named causes; without any the places where one may be, by their shares."""
+    named = {f.name: (kind_and_place(f.name)[1], 1.0) for f in diagnosis.findings}
+    return named or {
+        f"{place_words(x.law)} {100 * x.share:.0f} %": (x.law.place, max(x.share, _DIM)) for x in diagnosis.places
+    }
 
 
 def _causes(diagnosis: Diagnosis) -> Iterator[Block]:
@@ -98,6 +114,9 @@ def _day(day: FollowUp) -> Iterator[Block]:
 
 
 def _residuals(diagnosis: Diagnosis) -> Iterator[Block]:
+    rows, (before, after) = make_rows(diagnosis.readings), diagnosis.residuals()
+    kept = rows.take(np.isin(rows.keep, diagnosis.kept))
+    yield from error_maps(diagnosis.experiment, kept, {"identified": before, "after the extension": after})
     yield plots.cause_figure(diagnosis)
     yield plots.marker_figure(diagnosis)
     if diagnosis.before.trends:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Sequence
-from itertools import product
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from qsframework.estimation.tails import normal_isf
-from qsframework.experiment import Experiment, Readings, make_rows
+from qsframework.experiment import Experiment, Readings
 from qsframework.fits import Estimate, Fit, FitRecord
 from qsframework.plugin import Array, Indices
 from qsframework.report.blocks import Block, Figure, Lines, Plot, ReportTable, SceneView, Text
@@ -24,8 +23,6 @@ from qsframework.report.plots import (
     DASHES,
     GREEN,
     GREY,
-    ORANGE,
-    SKY,
     blank,
     panels,
     plotted,
@@ -192,69 +189,6 @@ def _normal(fit: Fit) -> tuple[Figure, ...]:
         "noise; points on a steeper or flatter line: the noise is not what was stated."
     )
     return (Figure(figure, caption, row_table(("normal law", "residual / its sd"), [wanted.tolist(), z.tolist()])),)
-
-
-def workspace_figure(fit: Fit, readings: Readings) -> tuple[Figure, ...]:
-    """The 3D errors before the fit and at held-out poses over the workspace, in one scale of colours; none where no row
-    was read along all axes."""
-    rows = make_rows(fit.used(readings))
-    errors = {"nominal model": fit.measured - fit.nominal, "identified, held-out": fit.left_out}
-    seen = np.flatnonzero(np.isfinite(np.stack([*errors.values()])).all(axis=(0, 2)))
-    if not len(seen):
-        return ()
-    pose, marker = rows.plus[seen], rows.marker[seen]
-    used, place = np.unique(pose, return_inverse=True)
-    points = fit.model.positions(readings.poses.take(used), linear=True)[place, marker]
-    around = np.hypot(points[:, 0], points[:, 1])
-    names: list[str] = [readings.states.pose[m] for m in map(int, pose)]
-    sizes = {name: 1e3 * np.linalg.norm(values[seen], axis=1) for name, values in errors.items()}
-    views = {"from above": (*points.T[:2], "x, m", "y, m"), "from the side": (around, points[:, 2], "r, m", "z, m")}
-    columns = [names, *points.T.tolist(), around.tolist(), *(size.tolist() for size in sizes.values())]
-    header = ("pose", "x, m", "y, m", "z, m", "from the axis, m", *(f"{name}, mm" for name in sizes))
-    maps = Figure(
-        _maps(names, sizes, views),
-        "The same places before and after, in one scale; r is the distance from the base's axis. Look in the lower "
-        "maps for a corner of the workspace in which all are large: there the model misses something, or the poses "
-        "were too few.",
-        row_table(header, columns),
-        wide=True,
-    )
-    return (maps,)
-
-
-def _maps(names: Sequence[str], sizes: dict[str, Array], views: dict[str, tuple[Any, ...]]) -> Plot:
-    """Circles at places, a map for each kind of size (R,) mm, from each side, in one scale of colours."""
-    largest = max(*(float(size.max()) for size in sizes.values()), 1e-9)
-    titles = [f"{name}: {view}" for name in sizes for view in views]
-    figure = panels("Errors over the workspace", 2, 2, titles, 780, 0.12, shared=False, heights=[0.5, 0.5])
-    for k, (size, (x, y, along, up)) in enumerate(product(sizes.values(), views.values())):
-        row, col = k // 2 + 1, k % 2 + 1
-        order: list[int] = np.argsort(size).tolist()  # the largest are drawn last
-        poses = [html.escape(names[i]) for i in order]
-        figure.add_scatter(
-            x=x[order],
-            y=y[order],
-            mode="markers",
-            showlegend=False,
-            customdata=poses,
-            text=[f"pose {name}: {size[i]:.3f} mm" for name, i in zip(poses, order, strict=True)],
-            hovertemplate="%{text}<extra></extra>",
-            marker={
-                "size": 5.0 + 13.0 * size[order] / largest,
-                "symbol": "circle",
-                "color": size[order],
-                "coloraxis": "coloraxis",
-                "line": {"width": 0.5, "color": GREY},
-                "opacity": 0.85,
-            },
-            row=row,
-            col=col,
-        )
-        figure.update_xaxes(row=row, col=col, title={"text": along})
-        figure.update_yaxes(row=row, col=col, title={"text": up}, scaleanchor=f"x{k + 1}" if k else "x")
-    scale = {"colorscale": [[0.0, SKY], [1.0, ORANGE]], "colorbar": {"title": {"text": "mm"}, "thickness": 12}}
-    figure.update_layout(coloraxis={**scale, "cmin": 0.0, "cmax": largest}, margin={"t": 76})
-    return figure
 
 
 def residual_table(rows: Any, poses: Any, left: Array, student: Array) -> ReportTable:
@@ -450,17 +384,17 @@ def residual_view(
     residuals: tuple[Array, Array],
     names: tuple[str, str],
     look: str,
-    causes: Sequence[str] = (),
+    suspects: Mapping[str, tuple[str, float]] | None = None,
 ) -> SceneView:
     """The poses with the largest residuals, with arrows at their markers, and all poses in numbers, in the same order.
 
     kept (R,): rows of the readings; residuals: before and after (R, 3) m, with their names; look: what to look for;
-    causes: `effect[where]` of a diagnosis, which glow where they act
+    suspects: of a diagnosis: what is written at a place of the arm, and how brightly it glows
     """
     from qsframework.viz import residual_scene
     from qsframework.viz.scenes import MOST
 
-    scene, factor = residual_scene(experiment, readings, kept, *residuals, causes)
+    scene, factor = residual_scene(experiment, readings, kept, *residuals, suspects)
     at = readings.plus[kept]
     sizes = [1e3 * np.linalg.norm(v, axis=1) for v in residuals]
     worst = {m: [float(s[at == m].max()) for s in sizes] for m in map(int, np.unique(at))}

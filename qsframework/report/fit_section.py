@@ -7,18 +7,18 @@ from collections.abc import Iterator
 import numpy as np
 
 from qsframework.errors import some_of
-from qsframework.experiment import Experiment, Readings
+from qsframework.experiment import Experiment, Readings, make_rows
 from qsframework.experiment.observations import values_before
 from qsframework.fits import Estimate, Fit, FitRecord, Masked
 from qsframework.fits.columns import COLUMNS, ERRORS, OWN, SUITED, FitColumn, share_of
 from qsframework.report.blocks import Block, ReportTable, SceneView, Section, Text
+from qsframework.report.error_maps import error_maps
 from qsframework.report.fit_plots import (
     correlation_blocks,
     correlation_figure,
     fit_figures,
     residual_figures,
     residual_view,
-    workspace_figure,
 )
 from qsframework.report.moved_section import moved_table, moved_words
 from qsframework.report.numbers import MATRIX
@@ -232,7 +232,9 @@ def where_section(
     fit: Fit, experiment: Experiment, readings: Readings, title: str = "Residuals on the robot"
 ) -> Section:
     """Where the errors are: on the arm, and over its workspace before the fit and at held-out poses."""
-    return Section(title, (_on_the_robot(fit, experiment, readings), *workspace_figure(fit, readings)))
+    errors = {"nominal model": fit.measured - fit.nominal, "identified, held-out": fit.left_out}
+    maps = error_maps(experiment, make_rows(fit.used(readings)), errors)
+    return Section(title, (_on_the_robot(fit, experiment, readings), *maps))
 
 
 def _answer(fit: Fit, table: ReportTable, before: FitRecord | None = None) -> tuple[Block, ...]:

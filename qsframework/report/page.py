@@ -28,7 +28,7 @@ _POWER = re.compile(r"\d(?:\.\d+)?e-\d+")
 def write_report(path: str | Path, title: str, sections: Sequence[Section], verdict: Verdict | None = None) -> Path:
     """Write the report, all or nothing, and return its path."""
     drawn = [
-        (s.title, s.folded, list(_grouped([_block(b, f"figure-{i}-{j}") for j, b in enumerate(s.blocks)])))
+        (s, list(_grouped([_block(b, f"figure-{i}-{j}") for j, b in enumerate(s.blocks)])))
         for i, s in enumerate(sections)
     ]
     blocks = [b for s in sections for b in s.blocks]

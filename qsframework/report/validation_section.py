@@ -9,6 +9,7 @@ import numpy as np
 from qsframework.fits.columns import SUITED
 from qsframework.fits.validate import Validation, ValidationErrors
 from qsframework.report.blocks import Figure, Plot, ReportTable, Section, Text
+from qsframework.report.error_maps import placed_maps
 from qsframework.report.fit_plots import distribution_figure
 from qsframework.report.plots import AFTER, blank
 from qsframework.report.words.sizes import mm
@@ -56,6 +57,7 @@ def validation_section(found: Validation) -> Section:
             *validation_tables(found),
             *_distribution(found.whole),
             Figure(_by_row(found), "3D error by row of the file. Look for rows that belong together."),
+            *placed_maps(found.places, found.poses, {"nominal": found.whole.before, "identified": found.whole.errors}),
         ),
     )
 

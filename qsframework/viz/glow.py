@@ -60,14 +60,17 @@ def draw_shares(scene: Scene, path: str, found: Shares, i: int, spots: Mapping[s
             scene.glow(path, point, _RADIUS * reach * (0.4 + 0.6 * min(1.0, share)), SPRING, strength)
 
 
-def draw_cause(scene: Scene, path: str, name: str, spots: Mapping[str, Array], reach: float) -> bool:
-    """A pulsing light where a cause `effect[where]` acts, with its name; False where that is no place of the arm."""
-    point = spot(name.partition("[")[2].removesuffix("]"), spots)
-    if point is None:
-        return False
-    scene.glow(path, point, 1.2 * _RADIUS * reach, CAUSE, 1.0, pulse=True)
-    scene.text(path, name, point, CAUSE_INK)
-    return True
+Suspects = Mapping[str, tuple[str, float]]
+"""What may be wrong on the arm: by what is written there, the place as a file names it, such as `joint_2/link_3`, and
+how brightly it shines, 0 to 1."""
+
+
+def draw_suspects(scene: Scene, path: str, suspects: Suspects, spots: Mapping[str, Array], reach: float) -> None:
+    """A pulsing light with its label at each that is at a place of the arm."""
+    for k, (label, (where, strength)) in enumerate(suspects.items()):
+        if (point := spot(where, spots)) is not None:
+            scene.glow(f"{path}/{k}", point, 1.2 * _RADIUS * reach, CAUSE, strength, pulse=True)
+            scene.text(f"{path}/{k}", label, point, CAUSE_INK)
 
 
 def spots(facts: RobotFacts, links: Array, markers: Mapping[str, Array]) -> dict[str, Array]:

@@ -9,7 +9,7 @@ import numpy as np
 from qsframework.experiment import Experiment, Readings
 from qsframework.plugin import Array, Indices
 from qsframework.robot import Robot
-from qsframework.viz.glow import draw_cause, spots
+from qsframework.viz.glow import Suspects, draw_suspects, spots
 from qsframework.viz.meshes import Meshes
 from qsframework.viz.robot_shapes import draw_robot, draw_way, flange_of, link_frames, reach
 from qsframework.viz.scene import Colour, Facts, Scene, placed_at
@@ -34,12 +34,12 @@ def residual_scene(
     kept: Indices,
     before: Array,
     after: Array,
-    causes: Sequence[str] = (),
+    suspects: Suspects | None = None,
 ) -> tuple[Scene, float]:
     """The poses with the largest residuals as steps of the slider, and by how much the arrows are enlarged.
 
-    kept (R,): rows of the readings; before, after (R, 3) m: their residuals, measured minus predicted; causes:
-    `effect[where]` of a diagnosis, which glow where they act
+    kept (R,): rows of the readings; before, after (R, 3) m: their residuals, measured minus predicted; suspects: of a
+    diagnosis, which glow where they are
     """
     measurement = readings.plus[kept]
     states, worst = largest_residuals(readings, measurement, before)
@@ -62,8 +62,7 @@ def residual_scene(
             scene.arrow(f"{where}/after", start, factor * after[row], 0.016, AFTER)
         seen = {m.name: state.markers[k].position[:, i] for k, m in enumerate(experiment.markers)}
         known = spots(experiment.robot.facts, links, seen)
-        for cause in causes:
-            draw_cause(scene, f"{path}/cause/{cause.replace('/', ' ')}", cause, known, reach(experiment.robot.facts))
+        draw_suspects(scene, f"{path}/suspect", suspects or {}, known, reach(experiment.robot.facts))
         name = readings.states.pose[m]
         scene.step(path, f"{readings.states.pose[m]}: up to {1e3 * worst[m]:.3f} mm", facts=Facts(name=name))
     return scene, factor

@@ -25,6 +25,8 @@ from qsframework.plugin.registry import registry
 
 SEEDED = {"demo", "design", "simulate", "diagnose", "foresee", "compare", "validate"}
 JUDGED = {
+    "demo",
+    "stiffness",
     "design",
     "identify",
     "identify_positions",

@@ -8,9 +8,15 @@ import numpy as np
 import pytest
 
 from qsframework import Experiment, Fit, Readings, identify, load_experiment, read_readings
-from qsframework.report.fit_plots import workspace_figure
+from qsframework.report.blocks import Figure
+from qsframework.report.fit_section import where_section
 
 Campaign = tuple[Experiment, Readings, Fit]
+
+
+def maps_of(experiment: Experiment, readings: Readings, fit: Fit) -> list[Figure]:
+    """The maps of a fit's report."""
+    return [b for b in where_section(fit, experiment, readings).blocks if isinstance(b, Figure)]
 
 
 @pytest.fixture(scope="module", params=["masked rows", "all rows"])
@@ -22,8 +28,8 @@ def campaign(request: pytest.FixtureRequest) -> Campaign:
 
 
 def test_before_and_after_are_the_errors_of_the_fit_in_one_scale(campaign: Campaign) -> None:
-    _, readings, fit = campaign
-    (maps,) = workspace_figure(fit, readings)
+    fit = campaign[2]
+    (maps,) = maps_of(*campaign)
     figure: Any = maps.figure
     largest = 0.0
     for k, errors in enumerate((fit.measured - fit.nominal, fit.left_out)):
@@ -38,7 +44,7 @@ def test_before_and_after_are_the_errors_of_the_fit_in_one_scale(campaign: Campa
 def test_the_places_are_where_the_markers_were_read(campaign: Campaign) -> None:
     """Within the arm's sag of where they are on the nominal arm, row by row."""
     _, readings, fit = campaign
-    (maps,) = workspace_figure(fit, readings)
+    (maps,) = maps_of(*campaign)
     assert maps.table is not None
     rows = [[float(v) for v in row[1:4]] for row in maps.table.rows]
     first = fit.used(readings).poses.take([0])
@@ -53,4 +59,4 @@ def test_rows_that_were_read_along_some_axes_only_give_no_map() -> None:
     for name in ("measured", "left_out"):
         getattr(fit, name).flags.writeable = True
         getattr(fit, name)[:, 1] = np.nan
-    assert workspace_figure(fit, readings) == ()
+    assert maps_of(experiment, readings, fit) == []

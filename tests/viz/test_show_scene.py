@@ -236,17 +236,18 @@ def test_springs_glow_by_their_share_and_the_panel_lists_them(m900ib: Experiment
     assert not any(pulse for *_, pulse in scene.glows)
 
 
-def test_a_named_cause_glows_where_it_acts(r2000ic: Experiment, real: Readings) -> None:
+def test_what_is_suspected_glows_where_it_is(r2000ic: Experiment, real: Readings) -> None:
     kept = np.arange(6)
     missed = np.full((6, 3), 1e-4)
-    causes = ["joint_hardening[joint_3]", "load_scale", "link_bending[link_2]"]
-    scene, _ = residual_scene(r2000ic, real, kept, missed, 0.5 * missed, causes)
+    suspects = {"hardening": ("joint_3", 1.0), "load_scale": ("", 1.0), "link_2, 30 %": ("link_2/flange", 0.3)}
+    scene, _ = residual_scene(r2000ic, real, kept, missed, 0.5 * missed, suspects)
     found = world(scene)
     first = {words: point for path, words, point, *_ in scene.texts if path.startswith("poses/0/")}
-    assert set(first) == {causes[0], causes[2]}  # the scale of the load is no place of the arm
-    for cause, link in ((causes[0], 3), (causes[2], 2)):
-        assert np.allclose(first[cause], found[f"poses/0/link_{link}"][:3, 3], atol=1e-5)
+    assert set(first) == {"hardening", "link_2, 30 %"}  # the scale of the load is no place of the arm
+    for label, link in (("hardening", 3), ("link_2, 30 %", 2)):
+        assert np.allclose(first[label], found[f"poses/0/link_{link}"][:3, 3], atol=1e-5)
     assert all(pulse for *_, pulse in scene.glows)
+    assert {strength for *_, strength, _ in scene.glows} == {1.0, 0.3}
     assert scene.facts["poses/0"].name in real.pose
 
 

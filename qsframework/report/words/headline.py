@@ -170,14 +170,17 @@ def diagnosis_verdict(found: Diagnosis) -> Verdict:
     """The headline with the held-out error, before and after, and the noise."""
     e = found.rms.space
     mark, word = _MARKS[found.verdict]
+    held = e.heldout_extended, "held-out error with the causes, 3D RMS"
+    if (learned := found.learned) is not None and learned.holds:
+        held = found.rms.in_space(learned.heldout), "held-out error with the learned law, 3D RMS"
     named = f"{len(found.sure)}" + (f" + {len(found.doubtful)} doubtful" if found.doubtful else "")
     return Verdict(
         mark,
         word,
         headline(found),
         (
-            (f"{mm(e.heldout_extended)} mm", "held-out error with the causes, 3D RMS"),
-            (f"{mm(e.heldout_identified)} mm", "without them"),
+            (f"{mm(held[0])} mm", held[1]),
+            (f"{mm(e.heldout_identified)} mm", "held-out error of the model as it was fitted"),
             (f"{mm(e.noise)} mm", "noise alone"),
             (named, f"named of {len(found.table)} causes tried"),
         ),
