@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import textwrap
 from collections.abc import Iterator, Sequence
+from typing import TextIO
 
 PIPE = 100
 """Columns of what goes to a file or a pipe."""
@@ -30,6 +32,16 @@ Row = Sequence[str]
 def width() -> int:
     """Columns of the terminal."""
     return max(40, shutil.get_terminal_size((PIPE, 24)).columns)
+
+
+_INK = {"red": "31", "green": "32", "amber": "33"}
+
+
+def coloured(text: str, ink: str, stream: TextIO) -> str:
+    """The text, bold and in a colour where the stream is a terminal that has colours and nobody refused them."""
+    if not stream.isatty() or os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb":
+        return text
+    return f"\x1b[1;{_INK[ink]}m{text}\x1b[0m"
 
 
 def printable(line: str) -> str:

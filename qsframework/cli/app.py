@@ -17,6 +17,7 @@ from qsframework.cli.files import DesignFiles, DiagnoseFiles, FitFiles
 from qsframework.cli.help import Command, CommandGroup
 from qsframework.cli.options import GONE, Anyway, DaskAddress, ExperimentFile, Jobs, Json, Report, Trust
 from qsframework.cli.printing import held_back
+from qsframework.cli.refusals import USAGE, print_errors, print_usage, told
 from qsframework.cli.stop import Stopped, listening
 from qsframework.cli.work import COMMANDS
 from qsframework.diagnoses.options import DiagnoseOptions
@@ -26,7 +27,6 @@ from qsframework.experiment.options import ReadAs, Truth
 from qsframework.fits.options import Halves
 from qsframework.option import Option, Seed
 from qsframework.plans.options import DesignOptions
-from qsframework.terminal import folded, printable, width
 
 app = typer.Typer(
     name="qsf",
@@ -307,31 +307,30 @@ def main() -> None:
             _refuse_gone(sys.argv[1:])
             _refuse_empty(sys.argv[1:])
             # app() would put a hook of its own where `listening` hears what compiled code loses
-            typer.main.get_command(app)()
+            sys.exit(typer.main.get_command(app)(standalone_mode=False))
     except Stopped as stopped:
         print("Interrupted. No partial files were left.", file=sys.stderr)
         sys.exit(stopped.code)
     except QsfError as error:
-        lines = _told(error)
-        shown = lines[:_MOST]
-        if len(lines) > _MOST:
-            shown.append(f"... and {len(lines) - _MOST} more problems")
-        print("\n".join(folded(f"error: {printable(line)}", width(), "  ") for line in shown), file=sys.stderr)
+        print_errors(told(error))
+        sys.exit(2)
+    except USAGE as error:
+        print_usage(error)
         sys.exit(2)
     except MemoryError:
-        print("error: the memory ran out; fewer candidates, poses or jobs need less", file=sys.stderr)
+        print_errors(["the memory ran out; fewer candidates, poses or jobs need less"])
         sys.exit(2)
     except BrokenPipeError:  # whoever read has seen enough, and the files are written
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         sys.exit(0)
     except OSError as error:
         if error.filename is not None:  # a name that is too long, a folder that nobody may read
-            print(f"error: {printable(str(error.filename))[:_LONGEST]}: {error.strerror}", file=sys.stderr)
+            print_errors([f"{str(error.filename)[:_LONGEST]}: {error.strerror}"])
             sys.exit(2)
         if error.errno not in (errno.ENOSPC, errno.EIO):
             raise
         # the device behind standard output is full: Python would try it again at its end, and say so in its own words
-        print(f"error: the output cannot be printed: {error.strerror}", file=sys.stderr, flush=True)
+        print_errors([f"the output cannot be printed: {error.strerror}"])
         os._exit(1)
 
 
@@ -351,17 +350,7 @@ def _refuse_empty(words: Sequence[str]) -> None:
             raise InputError(Problem(f"{named}: the value is empty", hint="Give it a value, or leave it out."))
 
 
-def _told(error: QsfError) -> list[str]:
-    """The lines of an error, with the options that would mend its problems."""
-    if not isinstance(error, InputError):
-        return str(error).splitlines()
-    mended = (
-        (str(p), "" if p.argument is None else f" (--{' '.join(p.argument)}".rstrip() + ")") for p in error.problems
-    )
-    return [line for text, option in mended for line in f"{text}{option}".splitlines()]
-
-
-_MOST, _LONGEST = 20, 200
+_LONGEST = 200
 
 
 def every_command() -> dict[str, Any]:

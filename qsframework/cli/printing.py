@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from io import BufferedWriter, FileIO, TextIOWrapper
 from typing import TYPE_CHECKING
 
-from qsframework.terminal import Row, folded, paragraphs, printable, table_lines, width
+from qsframework.terminal import Row, coloured, folded, paragraphs, printable, table_lines, width
 
 if TYPE_CHECKING:
     from qsframework.report.blocks import Verdict
@@ -36,8 +36,9 @@ def print_notes(notes: Iterable[str]) -> None:
 
 def print_verdict(verdict: Verdict) -> None:
     """What the reader came for, first: the word and the sentence."""
-    print_folded(f"{verdict.word}: {verdict.said}")
-    print()
+    said = "\n".join(printable(line) for line in paragraphs(f"{verdict.word}: {verdict.said}", width()))
+    ink = {"good": "green", "look": "amber", "bad": "red"}[verdict.mark.value]
+    print(coloured(verdict.word, ink, sys.stdout) + said.removeprefix(verdict.word) + "\n")
 
 
 def print_line(lead: str, text: str) -> None:

@@ -15,7 +15,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "importers"))
 
 from samples import FORMATS
 
-from qsframework.cli.app import _told, app
+from qsframework.cli.app import app
+from qsframework.cli.refusals import told
 from qsframework.errors import InputError
 from qsframework.experiment import load_experiment, read_readings
 
@@ -50,7 +51,7 @@ def test_the_commands_run_and_print_what_is_said(root: Path, tmp_path: Path, mon
     bare = shlex.split(re.sub(r" --mapping \S+", "", commands[0]))[1:]
     done = CliRunner().invoke(app, [*bare[:-1], "other.csv", "--unit", "mm"])
     assert isinstance(done.exception, InputError)
-    assert proposed.strip() in "\n".join(_told(done.exception))
+    assert proposed.strip() in "\n".join(told(done.exception))
 
 
 def test_the_table_names_the_formats_that_are_tested(root: Path) -> None:

@@ -18,7 +18,8 @@ from typer.testing import CliRunner
 
 from qsf_day.protocol import ProtocolOptions, make_protocol, write_reading_file
 from qsf_trackers import import_readings
-from qsframework.cli.app import _told, app
+from qsframework.cli.app import app
+from qsframework.cli.refusals import told
 from qsframework.errors import InputError
 from qsframework.experiment import load_experiment, read_readings
 
@@ -107,7 +108,7 @@ def refused(c: Campaign, path: Path) -> str:
     arguments = ["import", str(c.folder / "experiment.yaml"), str(path), "-p", str(c.folder / "plan.csv")]
     done = CliRunner().invoke(app, arguments)
     assert isinstance(done.exception, InputError)
-    return "\n".join(_told(done.exception))
+    return "\n".join(told(done.exception))
 
 
 def test_blocks_in_two_units_are_refused(campaign: Campaign) -> None:

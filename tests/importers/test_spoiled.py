@@ -16,7 +16,8 @@ from test_joining import FLOOR, known_points
 from typer.testing import CliRunner
 
 from qsf_trackers import import_readings
-from qsframework.cli.app import _told, app
+from qsframework.cli.app import app
+from qsframework.cli.refusals import told
 from qsframework.errors import InputError
 
 Made = Sequence[str | Path]
@@ -217,7 +218,7 @@ def two_decimal_signs(c: Campaign) -> Made:
     return [table(c, separator=";", r4c1="3555,1")]
 
 
-@spoiled("points.csv, line 2", "wrong number of columns", "found 7; allowed: 4", "';' or a tab")
+@spoiled("points.csv, lines 2 to 25", "wrong number of columns", "found 7; allowed: 4", "';' or a tab")
 def a_comma_for_columns_and_decimals(c: Campaign) -> Made:
     return [table(c, **{f"r{i}c{k}": samples.comma(c.readings[i].mm[k - 1]) for i in range(24) for k in (1, 2, 3)})]
 
@@ -409,7 +410,7 @@ def a_log_with_a_row_too_few(c: Campaign) -> Made:
     return [table(c), path, "--join", "order"]
 
 
-@spoiled("points.csv, line 18", "the joint log has no row of this pose", "p05")
+@spoiled("points.csv, lines 18 to 21", "the joint log has no row of this pose", "p05")
 def a_log_without_one_pose(c: Campaign) -> Made:
     path = samples.fanuc_log(c)
     path.write_text("".join(x for x in path.read_text().splitlines(keepends=True) if not x.startswith("p05")))
@@ -429,7 +430,7 @@ def angles_of_another_campaign(c: Campaign) -> Made:
     return [table(c), path]
 
 
-@spoiled("points.csv, line 2, column time", "no time that can be read in one way", "2026-03-09 13:45:01.5")
+@spoiled("points.csv, lines 2 to 25, column time", "no time that can be read in one way", "2026-03-09 13:45:01.5")
 def a_date_that_can_be_read_in_two_ways(c: Campaign) -> Made:
     rows = [[*row, f"03/04/2026 10:{i:02d}:00"] for i, row in enumerate(rows_of(c))]
     return [c.write("points.csv", lines([[*HEAD, "time"], *rows]))]
@@ -454,7 +455,7 @@ def test_a_spoiled_export_is_refused(make: Callable[[Campaign], Made], said: Seq
     arguments = ["import", str(tmp_path / "experiment.yaml"), *files, "-p", str(tmp_path / "plan.csv"), "-o", str(out)]
     done = CliRunner().invoke(app, arguments)
     assert isinstance(done.exception, InputError), f"{done.output}\n{done.exception!r}"
-    text = "\n".join(_told(done.exception))
+    text = "\n".join(told(done.exception))
     for words in said:
         assert words in text, text
     assert not out.exists()
@@ -469,7 +470,7 @@ def test_nothing_is_said_of_a_file_without_a_plan(tmp_path: Path) -> None:
     c = samples.make_campaign(tmp_path)
     done = CliRunner().invoke(app, ["import", str(tmp_path / "experiment.yaml"), str(table(c))])
     assert isinstance(done.exception, InputError)
-    assert "--plan plan.csv" in "\n".join(_told(done.exception))
+    assert "--plan plan.csv" in "\n".join(told(done.exception))
 
 
 def test_a_proposed_difference_of_the_clocks_is_right(tmp_path: Path) -> None:
