@@ -64,7 +64,10 @@ def checked(verb: Callable[P, T]) -> Callable[P, T]:
 
     @functools.wraps(verb)
     def run(*args: P.args, **kwargs: P.kwargs) -> T:
-        given = signature.bind(*args, **kwargs)
+        try:
+            given = signature.bind(*args, **kwargs)
+        except TypeError:
+            return verb(*args, **kwargs)  # Python's own words name the verb and the argument
         given.arguments.update(_taken(given.arguments, _plain(verb, verb.__annotations__)))
         _check_robots(given.arguments)
         return verb(*given.args, **given.kwargs)

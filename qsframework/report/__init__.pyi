@@ -19,6 +19,6 @@ from .fit_section import (
 )
 from .page import write_report as write_report
 from .plan_section import plan_section as plan_section, pose_table as pose_table, sd_table as sd_table
-from .provenance import PROVENANCE as PROVENANCE, provenance_section as provenance_section
+from .provenance import provenance_section as provenance_section
 from .words.plan import certificate_text as certificate_text
 from .words.sizes import shown as shown

@@ -129,3 +129,15 @@ def test_one_name_is_a_list_of_one_and_lists_are_arrays(given: dict[str, Any]) -
     targets = qsf.joint_targets(given["ex"], POSE[0].tolist(), PULL[0].tolist())
     assert targets.pendant.shape == (1, 6)
     assert targets.robot == "fanuc_m900ib"
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({}, r"identify\(\) missing 2 required positional arguments: 'experiment' and 'readings'"),
+        ({"experiment": 1, "readngs": 2}, r"identify\(\) got an unexpected keyword argument 'readngs'"),
+    ],
+)
+def test_a_missing_or_unknown_argument_is_told_with_the_verb(given: dict[str, Any], words: str) -> None:
+    with pytest.raises(TypeError, match=words):
+        qsf.identify(**given)
