@@ -327,7 +327,7 @@ def test_what_is_typed_decides_as_the_page_does(folder: Path) -> None:
 
 PLANTED: dict[Slot, tuple[cell.Explanation, str, str]] = {
     Slot(4, 0): (cell.exchanged, "Markers m1 and m2 are exchanged.", "correct"),
-    Slot(4, 2): (cell.sign, "The sign of x is turned.", "correct"),
+    Slot(4, 2): (cell.sign, "The sign of x is flipped.", "correct"),
     Slot(5, 0): (cell.angle, "q3 is +2.0", "again"),
     Slot(5, 1): (cell.ten_times, "The arm gave as under ten times the load", "again"),
     Slot(6, 0): (cell.inches, "The numbers are in inch, not in mm.", "correct"),
@@ -337,6 +337,33 @@ PLANTED: dict[Slot, tuple[cell.Explanation, str, str]] = {
 MOVED = Slot(9, 0)
 """Where the tracker is moved."""
 KILLED, CLOSED = (Slot(3, 1), Slot(6, 1), Slot(8, 2)), (Slot(4, 1), Slot(7, 0))
+
+
+@browser
+def test_on_a_telephone_one_thing_at_a_time(folder: Path, server: Server) -> None:
+    """390 px: the next pose alone, or the pose to look at again alone; what is tapped is 44 px high."""
+    from chromium import Browser
+
+    page = Browser(folder / "profile", server.address)
+    seen = """({next: !!document.getElementById("next").getClientRects().length, asked: document.querySelectorAll(".box")
+      .length, shown: [...document.querySelectorAll(".box")].filter(b => b.getClientRects().length).length,
+      wide: document.documentElement.scrollWidth, open: document.querySelectorAll("details[open]").length,
+      low: [...document.querySelectorAll("button, input, summary")].filter(b => b.getClientRects().length)
+      .map(b => b.getBoundingClientRect().height).filter(h => h < 44)})"""
+    try:
+        page.size(390, 844)
+        page.go(server.address, "typeof known !== 'undefined' && known && known.next")
+        first = page.run(seen)
+        assert first == {"next": True, "asked": 0, "shown": 0, "wide": first["wide"], "open": 0, "low": []}
+        state = server.ask("GET", "/state")[1]["next"]
+        wrong = "\n".join(f"{name} {1000 + 50 * i} 20 3000" for i, (name, _) in enumerate(state["markers"]))
+        server.post("/readings", {"visit": state["visit"], "state": state["state"], "text": wrong})
+        page.until("known.waiting.length > 0")
+        asked = page.run(seen)
+        assert (asked["next"], asked["shown"], asked["low"]) == (False, 1, [])
+        assert max(first["wide"], asked["wide"]) <= 390
+    finally:
+        page.kill()
 
 
 @browser
