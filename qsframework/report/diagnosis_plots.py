@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from textwrap import wrap
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ from qsframework.report.plots import AFTER, BARS, BEFORE, BLACK, BLUE, COLOURS, 
 from qsframework.report.words.law import place_words, variable_words
 from qsframework.report.words.sizes import mm
 
-_ACROSS = 3
+_ACROSS, _WIDE = 3, 40
 _MOST = 80
 """Causes in the heat map, most visible first."""
 
@@ -42,7 +43,8 @@ def learned_figure(diagnosis: Diagnosis, learned: LearnedLaw) -> Iterator[Figure
     unit = "deg" if degrees else felt if found.over == "torque" else "share of the readings taken"
     under = f" under {found.torque:.3g} {felt}" if found.torque > 0.0 else ""
     moves = "um" if shift else "urad"
-    figure = blank(f"Learned: {learned.name}", f"{variable_words(law)}, {unit}", f"extra motion{under}, {moves}")
+    over = "<br>".join(wrap(f"{variable_words(law)}, {unit}", _WIDE))  # a telephone has room for so much
+    figure = blank(f"Learned: {learned.name}", over, f"extra motion{under}, {moves}")
     rows = make_rows(diagnosis.readings)
     at, said = dots(learned, rows.take(np.isin(rows.keep, diagnosis.kept)), found)
     several = found.motion.shape[1] > 1

@@ -33,13 +33,13 @@ AXES = ("x", "y", "z")
 _QUANTILE = 95
 _NUMBERS = 9
 """Parameters up to which every cell of the correlation matrix carries its number."""
-_LABELS = 60
+_LABELS = 48
 """Parameters up to which its axes carry all names."""
 CORRELATED = 0.7
 _SENTENCES = 10
-_ROW, _BETWEEN, _AROUND = 18, 64, 150
-"""Height of a parameter's row, of what stands between two panels, and around all, pixels."""
-_TALL = 850
+_ROW, _LABEL, _BETWEEN, _AROUND = 18, 14, 52, 150
+"""Height of a parameter's row, of its name, of what stands between two panels, and around all, pixels."""
+_TALL = 970
 """Most height of all rows: a window holds the figure."""
 
 
@@ -215,7 +215,7 @@ def parameter_figure(fit: Fit, other: FitRecord | None = None) -> Figure:
     own axis, so that frames do not set the scale of springs; other: a fit to be shown beside this one."""
     groups = grouped(((kind_of(e.name), _unit(e)), e) for e in fit.estimates if np.isfinite(e.value))
     groups = dict(sorted(groups.items(), key=lambda group: group[0][0].startswith("frame")))
-    each = min(_ROW, _TALL // sum(max(len(group), 3) for group in groups.values()))
+    each = max(1, min(_ROW, _TALL // sum(max(len(group), 3) for group in groups.values())))
     tall = [each * max(len(group), 3) for group in groups.values()]
     height = sum(tall) + _BETWEEN * (len(tall) - 1) + _AROUND
     figure = panels(
@@ -231,7 +231,8 @@ def parameter_figure(fit: Fit, other: FitRecord | None = None) -> Figure:
     for k, ((kind, unit), group) in enumerate(groups.items(), start=1):
         _draw_group(figure, group, k, other)
         figure.update_xaxes(row=k, col=1, title={"text": f"{html.escape(kind)}: change from nominal, {unit}"})
-        figure.update_yaxes(row=k, col=1, autorange="reversed", type="category", dtick=1)
+        named = {"dtick": -(-_LABEL // each), "tickfont": {"size": 11}}
+        figure.update_yaxes(row=k, col=1, autorange="reversed", type="category", **named)
     figure.update_layout(barmode="overlay")
     every = [e for group in groups.values() for e in group]
     rows = tuple(
@@ -363,9 +364,9 @@ def correlation_figure(fit: Fit) -> Figure:
         colorbar={"title": {"text": "r"}, "thickness": 12},
         hovertemplate="%{x}<br>%{y}<br>%{z:.3f}<extra></extra>",
     )
-    labels = {"showticklabels": len(names) <= _LABELS, "dtick": 1, "tickfont": {"size": 11 if few else 9}}
+    labels = {"showticklabels": len(names) <= _LABELS, "dtick": 1, "tickfont": {"size": 11 if few else 10}}
     figure.update_layout(
-        height=max(360, 200 + (22 if len(names) <= MATRIX else 14) * min(len(names), _LABELS)),
+        height=max(360, 200 + (22 if len(names) <= MATRIX else 16) * min(len(names), _LABELS)),
         xaxis=labels if few and len(kinds) == 1 else {**labels, "tickangle": 90},
         yaxis={**labels, "autorange": "reversed"},
     )

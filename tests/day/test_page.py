@@ -329,7 +329,7 @@ PLANTED: dict[Slot, tuple[cell.Explanation, str, str]] = {
     Slot(4, 0): (cell.exchanged, "Markers m1 and m2 are exchanged.", "correct"),
     Slot(4, 2): (cell.sign, "The sign of x is flipped.", "correct"),
     Slot(5, 0): (cell.angle, "q3 is +2.0", "again"),
-    Slot(5, 1): (cell.ten_times, "The arm gave as under ten times the load", "again"),
+    Slot(5, 1): (cell.ten_times, "The deflection matches ten times the load", "again"),
     Slot(6, 0): (cell.inches, "The numbers are in inch, not in mm.", "correct"),
     Slot(7, 1): (cell.no_load, "The load was not put on", "again"),
     Slot(8, 0): (cell.other_pose, "These are readings of pose", "again"),
@@ -345,8 +345,8 @@ def test_on_a_telephone_one_thing_at_a_time(folder: Path, server: Server) -> Non
     from chromium import Browser
 
     page = Browser(folder / "profile", server.address)
-    seen = """({next: !!document.getElementById("next").getClientRects().length, asked: document.querySelectorAll(".box")
-      .length, shown: [...document.querySelectorAll(".box")].filter(b => b.getClientRects().length).length,
+    seen = """({next: !!document.getElementById("next").getClientRects().length,
+      asked: document.querySelectorAll(".box").length, shown: [...document.querySelectorAll(".box")].filter(b => b.getClientRects().length).length,
       wide: document.documentElement.scrollWidth, open: document.querySelectorAll("details[open]").length,
       low: [...document.querySelectorAll("button, input, summary")].filter(b => b.getClientRects().length)
       .map(b => b.getBoundingClientRect().height).filter(h => h < 44)})"""
