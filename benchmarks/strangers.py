@@ -29,8 +29,8 @@ HEAD = """# Strangers' files
 Robot files as people bring them. Each is built as public descriptions of the maker named are, written anew with other
 numbers (`tests/robots/strangers.py` and `strangers_more.py`), and goes through what a user types: `qsf new`,
 `qsf check --conformance`, `qsf design`, `simulate`, `identify`, `diagnose`, `export --to csv`. What is refused is
-refused by `qsf new`, with what to do instead, or, of a balancer that is drawn without its stiffness, by `qsf check`, which
-names the values to state: a campaign on the arm without it would be of another arm. [Add your
+refused by `qsf new`, with what to do instead, or, of a balancer that is drawn without its stiffness, by `qsf check`,
+which names the values to state: a campaign on the arm without it would be of another arm. [Add your
 robot](../docs/add-a-robot.md) says what happens to such files.
 
 """
