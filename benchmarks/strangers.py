@@ -2,7 +2,7 @@
 
     python benchmarks/strangers.py [--only NAME ...] [--write]
 
-About a quarter of an hour. `--write` writes benchmarks/strangers.md.
+About five minutes. `--write` writes benchmarks/strangers.md.
 """
 
 from __future__ import annotations
@@ -29,7 +29,9 @@ HEAD = """# Strangers' files
 Robot files as people bring them. Each is built as public descriptions of the maker named are, written anew with other
 numbers (`tests/robots/strangers.py` and `strangers_more.py`), and goes through what a user types: `qsf new`,
 `qsf check --conformance`, `qsf design`, `simulate`, `identify`, `diagnose`, `export --to csv`. What is refused is
-refused by `qsf new`, with what to do instead. [Add your robot](../docs/add-a-robot.md) says what happens to such files.
+refused by `qsf new`, with what to do instead, or, of a balancer that is drawn without its stiffness, by `qsf check`,
+which names the values to state: a campaign on the arm without it would be of another arm. [Add your
+robot](../docs/add-a-robot.md) says what happens to such files.
 
 """
 

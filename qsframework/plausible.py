@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from qsframework import units
 
@@ -72,15 +73,24 @@ def allowed(known: PlausibleRange, si: str, unit: str = "") -> str:
     return f"{low}{known.most / factor:.6g} {shown} ({known.source})"
 
 
-def too_strong(wrench: Sequence[float], payload: float | None, gravity: float) -> tuple[str, str, str] | None:
-    """A force and moment (3,) or (6,) N, N m that no test of an arm applies; None where it may be.
+class StrongLoad(NamedTuple):
+    """A force or moment that no test of an arm applies: its size and the limit, in words."""
 
-    "f" for the force, "m" for the moment, its size and the limit in words. payload: kg, None where nobody states one
+    quantity: str
+    found: str
+    allowed: str
+
+
+def too_strong(wrench: Sequence[float], payload: float | None, gravity: float) -> StrongLoad | None:
+    """Of a force and moment (3,) or (6,) N, N m what no test of an arm applies; None where it may be.
+
+    payload: kg, None where nobody states one
     """
     weight = LOADS * (payload or math.inf) * (gravity or 9.81)
-    for part, values, most, unit in (("f", wrench[:3], weight, "N"), ("m", wrench[3:], ARM * weight, "N m")):
+    parts = (("force", wrench[:3], weight, "N", ""), ("moment", wrench[3:], ARM * weight, "N m", f" at {ARM:g} m"))
+    for quantity, values, most, unit, arm in parts:
         size = math.sqrt(sum(value * value for value in values))
         if size > most:
-            arm = "" if part == "f" else f" at {ARM:g} m"
-            return part, f"{size:.0f} {unit}", f"up to {most:.0f} {unit}, {LOADS:g} times the payload{arm}"
+            allowed = f"up to {most:.0f} {unit}, {LOADS:g} times the payload{arm}"
+            return StrongLoad(quantity, f"{size:.0f} {unit}", allowed)
     return None

@@ -9,7 +9,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from qsf_onboarding.joints import followers
+from qsf_onboarding.joints import body_of, followers
 from qsframework.errors import InputError, Problem, some_of
 from qsframework.plugin import Array
 from qsframework.robot.checks import chain_joints
@@ -20,6 +20,8 @@ _ASKEW = 0.05
 """Of the cosine of two axes: within 18 degrees of parallel, 3 of square."""
 _FLANGES = ("flange", "tool0", "ee_link", "link_ee", "tool_link", "end_effector", "end_effector_link")
 """Names of a link that carries the tool, or ends of such names; the first that is there."""
+_GRIPPER = re.compile(r"(^|_|joint)gripper(_?joint)?$|jaw|finger", re.IGNORECASE)
+"""Names of a joint that is a gripper's where it is the last: a single jaw is followed by nothing."""
 MOST_JOINTS = 30
 """Of an arm that move."""
 _TRUNK = 3
@@ -132,16 +134,23 @@ def _before_fingers(urdf: Urdf, base: str, ends: list[Joint], own: Callable[[Joi
     kept: dict[str, Joint] = {}
     for end in ends:
         chain = [j for j in chain_joints(urdf, base, end.child) or [] if own(j)]
-        while chain and followers(urdf, chain[-1]):
+        while chain and (_GRIPPER.search(chain[-1].name) or _drives_fingers(urdf, chain[-1])):
             chain.pop()
         if chain:
             kept[chain[-1].name] = chain[-1]
     return [j for j in kept.values() if not any(o in urdf.below(j.child) for o in kept.values())]
 
 
+def _drives_fingers(urdf: Urdf, end: Joint) -> bool:
+    """Whether joints follow the last one of a chain, or one that moves on the same body, as fingers do."""
+    here = body_of(urdf, end.parent)
+    return any(followers(urdf, joint) for joint in urdf.joints if body_of(urdf, joint.parent) == here)
+
+
 def _quill(urdf: Urdf, last: Joint) -> Joint:
-    """The one joint beyond the last that slides along its axis, as a SCARA's quill does; else the last itself."""
-    beyond = [j for j in urdf.below(last.child) if _slides(j)]
+    """The one joint beyond the last that slides along its axis, as a SCARA's quill does and no finger that another
+    follows; else the last itself."""
+    beyond = [j for j in urdf.below(last.child) if _slides(j) and not followers(urdf, j)]
     if len(beyond) != 1:
         return last
     along = placement(chain_joints(urdf, last.child, beyond[0].child) or [])[:3, :3] @ beyond[0].axis

@@ -3,28 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 
 import numpy as np
 
 from qsframework.errors import Problem
 from qsframework.plugin import Array
+from qsframework.robot.checks import two_parents
 from qsframework.robot.spec import yaml_key
 from qsframework.robot.urdf import Joint, Urdf, placement
 
 
 def closed_loops(urdf: Urdf) -> list[Problem]:
     """Every link with two parents, and how to write the loop that they close."""
-    first: dict[str, Joint] = {}
-    for joint in urdf.joints:
-        first.setdefault(joint.child, joint)
-    return [
-        joint.place.problem(
-            f"link {joint.child!r} has two parents: joint {one.name!r} ({one.place}) and joint {joint.name!r}",
-            hint=_advice(first, one, joint),
-        )
-        for joint in urdf.joints
-        if (one := first[joint.child]) is not joint and one.name != joint.name
-    ]
+    return two_parents(urdf, partial(_advice, {joint.child: joint for joint in reversed(urdf.joints)}))
 
 
 def _advice(above: Mapping[str, Joint], one: Joint, other: Joint) -> str:

@@ -8,7 +8,8 @@ from enum import StrEnum
 
 import numpy as np
 
-from qsframework.errors import InputError
+from qsframework.errors import InputError, Problem
+from qsframework.plausible import allowed, beyond
 from qsframework.robot.urdf import Joint, Mimic, Urdf
 from qsframework.units import SLIDES, TURNS, JointUnit
 
@@ -72,6 +73,22 @@ def used_limits(joint: Joint) -> tuple[float, float]:
 def many_turns(joint: Joint) -> bool:
     """Whether a joint that turns states limits that arms do not have, as degrees in the place of radians are."""
     return joint.kind == "revolute" and joint.limits is not None and max(map(abs, joint.limits)) > 4.0 * _TURN
+
+
+def endless(moving: Sequence[Joint]) -> list[Problem]:
+    """What to say of joints with a motor whose limits no arm has, as those of a vehicle below it."""
+    units = {joint.name: "m" if slides(joint) else "rad" for joint in moving}
+    far = [(j, r) for j in moving if (r := beyond(max(map(abs, used_limits(j))), units[j.name])) is not None]
+    return [
+        joint.place.problem(
+            f"joint {joint.name!r}: no joint of an arm has these limits",
+            found="{:g} .. {:g} {}".format(*used_limits(joint), units[joint.name]),
+            allowed=allowed(known, units[joint.name]),
+            hint=f"Correct them, or, where it is a vehicle's, begin the arm beyond it: base {far[-1][0].child}.",
+            argument=("base", far[-1][0].child),
+        )
+        for joint, known in far
+    ]
 
 
 def columns(urdf: Urdf, chain: Sequence[Joint]) -> tuple[list[Joint], list[TelescopicColumn]]:

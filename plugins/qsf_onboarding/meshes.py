@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from qsframework.errors import some_of
-from qsframework.robot.mesh import KINDS, BrokenMesh, coarser, mesh_file, obj_text, read_mesh, whole_hull
+from qsframework.errors import InputError, some_of
+from qsframework.robot.mesh import KINDS, LARGEST, coarser, mesh_file, obj_text, read_mesh, whole_hull
 from qsframework.robot.packages import Sources
 from qsframework.robot.urdf import Link, MeshVisual, Urdf, Visual
 
@@ -18,7 +18,7 @@ _DRAWN, _SOLID = 3000, 30_000
 
 @dataclass
 class _Kept:
-    """The files written so far, and the names of the meshes that are not there, no meshes, or too fine."""
+    """The files written so far, and the names of the meshes that are not there, cannot be read, or are too fine."""
 
     urdf: Urdf
     sources: Sources
@@ -50,7 +50,7 @@ class _Kept:
             return None
         try:
             vertices, faces = read_mesh(mesh, path)
-        except BrokenMesh:
+        except InputError:
             self.broken.append(f"{mesh.name} ({mesh.place})")
             return None
         if solid and len(faces) > _SOLID:
@@ -63,13 +63,13 @@ class _Kept:
 def with_meshes(urdf: Urdf, sources: Sources) -> tuple[Urdf, dict[str, str], tuple[str, ...]]:
     """The URDF with meshes of its own, these files by name, and what has to be said of the others.
 
-    InputError with file and line for a mesh that is too large or outside the packages.
+    InputError with file and line for a mesh outside the packages.
     """
     kept = _Kept(urdf, sources)
     links = tuple(kept.link(link, k) for k, link in enumerate(urdf.links))
     notes = (
         (f"meshes: not there, or of a kind that is not read ({', '.join(KINDS)} are)", kept.missing),
-        ("meshes: these cannot be read and are omitted", kept.broken),
+        (f"meshes: these cannot be read or have more than {LARGEST // 10**6} MB, and are omitted", kept.broken),
         (f"meshes: with more than {_SOLID} triangles the convex hull stands for them in collisions", kept.fine),
     )
     words = (f"{head}: {some_of([*dict.fromkeys(names)], 3)}" for head, names in notes if names)

@@ -15,6 +15,7 @@ from qsf_onboarding.joints import (
     ChainJoint,
     TelescopicColumn,
     columns,
+    endless,
     many_turns,
     slides,
     told_joints,
@@ -78,11 +79,8 @@ def propose(
     refuse(source.unreadable or closed_loops(source) or check_tree(source))
     base, flange, stated = choose_chain(source, base, flange)
     chain, led = columns(source, stated)
-    there = {link.name for link in source.links}
-    carried = {joint.child: joint for joint in (*chain, *source.below(base))}
-    if gone := [joint for child, joint in carried.items() if child not in there]:
-        raise InputError([j.place.problem(f"joint {j.name!r}: link {j.child!r} is not there") for j in gone])
     every = [joint for joint in chain if joint.moves]
+    refuse(endless([joint for joint in every if joint.mimic is None]))
     arm, dropped = _arm(source, base, chain)
     bars = [joint for joint in arm.joints if joint.moves and joint.name not in _names(every)]
     following = {**_following(every), **_following(bars, every)}
@@ -99,16 +97,15 @@ def propose(
     arm, meshes, unread = with_meshes(arm, sources)
     stiffness = [row for row in _stiffness(arm, every, reach, _WRIST[heavy]) if row[0] not in following]
     balancer = find_balancer(source, base, chain)
-    table = _is_table(source)
     notes = (
         *_checklist(moving, payload, build, senses, balancer),
         *_size(every, far),
-        *(zero_notes(chain, bearing) if table else ()),
+        *(zero_notes(chain, bearing) if source.tree is None else ()),
         *_told_following(following, led),
         *_found(arm, every, moving, guessed, impossible, heavy),
         *unread,
         *_left_out(dropped, lost),
-        *(f"file: {note}" for note in (*source.notes, *(() if table else unread_of(source, sources)))),
+        *(f"file: {note}" for note in (*source.notes, *(unread_of(source.tree) if source.tree else ()))),
     )
     files = {
         f"{name}.urdf": _urdf_text(arm, name, base, bool(guessed)),
@@ -299,12 +296,7 @@ def _found(
 
 
 def _file(urdf: Urdf) -> str:
-    return "the table" if _is_table(urdf) else "the URDF"
-
-
-def _is_table(urdf: Urdf) -> bool:
-    """Whether the arm comes from a table, whose links stand on no line."""
-    return all(link.place.line is None for link in urdf.links)
+    return "the URDF" if urdf.tree else "the table"
 
 
 def _left_out(dropped: list[Joint], lost: float) -> tuple[str, ...]:

@@ -5,9 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from qsframework.errors import some_of
-from qsframework.robot.expand import read_tree
-from qsframework.robot.packages import Sources
-from qsframework.robot.urdf import Urdf
 from qsframework.robot.xml_tree import Node
 
 _PARTS = {
@@ -42,14 +39,13 @@ _MEANINGS = {
 }
 
 
-def unread_of(urdf: Urdf, sources: Sources) -> list[str]:
+def unread_of(tree: Node) -> list[str]:
     """Elements and attributes of a file that are not read, each with the lines where it stands and what to look at.
 
     A sentence for each kind of element or attribute, in the order of the file.
     """
-    root = read_tree(urdf.path, urdf.path.parent, sources, [])
     found: dict[tuple[str, str], list[str]] = {}
-    for kind, meaning, place in _unread(root):
+    for kind, meaning, place in _unread(tree):
         found.setdefault((kind, meaning), []).append(place)
     return [f"{kind} is not read ({some_of(places, 6)}): {meaning}" for (kind, meaning), places in found.items()]
 

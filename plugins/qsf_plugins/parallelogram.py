@@ -281,6 +281,9 @@ class Parallelogram(Loop):
         """Angle between link 2 and the lever, folded into [0, 90] deg."""
         return np.abs(np.arcsin(np.sin(self.zero + self._sign(robot) * q[:, 1])))
 
+    def side(self, q: Array, robot: RobotFacts) -> Array:
+        return np.copysign(1.0, np.sin(self.zero + self._sign(robot) * q[:, 1]))
+
     @property
     def smallest_transmission_angle(self) -> float:
         return self.margin

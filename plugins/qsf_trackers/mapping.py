@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pydantic
 
-from qsf_trackers.tables import stated_units
+from qsf_trackers.tables import StatedProblem, stated_units
 from qsframework.errors import InputError, Problem
 from qsframework.files import Document, FileModel, read_yaml, validate
 
@@ -35,15 +35,14 @@ class Mapping:
 
     def placed(self, error: InputError) -> InputError:
         """The same problems, those of what is stated here with the file and line."""
-        keys = {repr(role): ("columns", role) for role in self.spec.columns}
-        keys |= {f"{role}={name}": ("columns", role) for role, name in self.spec.columns.items()}
-        keys |= {f"the word {word!r} cannot mean this": ("names", word) for word in self.spec.names}
-        found = [(p, keys.get(p.found or "") or keys.get(p.message)) for p in error.problems]
-        return InputError([p if at is None else self._placed(p, *at) for p, at in found])
+        return InputError(self._placed(p) if isinstance(p, StatedProblem) else p for p in error.problems)
 
-    def _placed(self, problem: Problem, *at: str) -> Problem:
+    def _placed(self, problem: StatedProblem) -> Problem:
+        part, key, value = problem.stated
+        if getattr(self.spec, part).get(key) != value:
+            return problem  # stated elsewhere
         message = f"{problem.message} ({problem.file})" if problem.file else problem.message
-        return replace(problem, message=message, file=str(self.document.path), line=self.document.line(*at))
+        return replace(problem, message=message, file=str(self.document.path), line=self.document.line(part, key))
 
 
 def read_mapping(path: str | Path) -> Mapping:

@@ -13,7 +13,7 @@ import numpy as np
 
 from qsf_trackers.campaign import Campaign, PlanSlot
 from qsf_trackers.options import ImportOptions
-from qsf_trackers.tables import Listing, quoted_word
+from qsf_trackers.tables import Listing, StatedProblem, quoted_word
 from qsf_trackers.vocabulary import (
     FOUND_BY,
     HALF,
@@ -131,7 +131,8 @@ def _check_words(options: ImportOptions, known: Vocabulary, allowed: Sequence[st
     for word, meant in options.names.items():
         if plain(meant) not in known.meanings:
             message, hint = f"the word {word!r} cannot mean this", nearest(meant, allowed)
-            wrong.append(Problem(message, found=repr(meant), allowed=_few(allowed), hint=hint))
+            at = ("names", word, meant)
+            wrong.append(StatedProblem(message, found=repr(meant), allowed=_few(allowed), hint=hint, stated=at))
     refuse(wrong)
 
 

@@ -45,6 +45,13 @@ _GROUPED = re.compile(r"[-+]?\d{1,3}(\.\d{3})+")
 _WITH_UNIT = re.compile(rf"({NUMBER.pattern})\s*([^\d\s.,+-]\S{{0,12}})")
 
 
+@dataclass(frozen=True, kw_only=True)
+class StatedProblem(Problem):
+    """A problem of what is stated of the files: in which part (columns, names), under which key, and its value."""
+
+    stated: tuple[str, str, str]
+
+
 @dataclass(frozen=True)
 class Taken:
     """A column that was taken: as what, in which unit ("" for words), and how that is known.
@@ -250,14 +257,16 @@ def check_columns(sheets: Sequence[Sheet], stated: Mapping[str, str], joints: in
     allowed = (*PLAIN, *MEASURED, *joint_stems(joints))
     problems: list[Problem] = []
     for role, name in stated.items():
+        at = ("columns", role, name)
         if role not in allowed:
-            message = "no column can be taken as this"
-            problems.append(Problem(message, found=repr(role), allowed=", ".join(allowed), hint=nearest(role, allowed)))
+            message, listed = "no column can be taken as this", ", ".join(allowed)
+            hint = nearest(role, allowed)
+            problems.append(StatedProblem(message, found=repr(role), allowed=listed, hint=hint, stated=at))
         elif all(_place(sheet, name) is None for sheet in sheets):
             names = [sheet.column(k) for sheet in sheets for k in range(sheet.width)]
             files = ", ".join(str(s.path) for s in sheets)
-            message, hint = f"no column is called {name!r}", nearest(name, names)
-            problems.append(Problem(message, files, found=f"{role}={name}", allowed=", ".join(names), hint=hint))
+            message, hint, listed = f"no column is called {name!r}", nearest(name, names), ", ".join(names)
+            problems.append(StatedProblem(message, files, found=f"{role}={name}", allowed=listed, hint=hint, stated=at))
     refuse(problems)
 
 

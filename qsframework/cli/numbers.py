@@ -39,7 +39,7 @@ def wrench_of(option: str, text: str, robot: Robot) -> Array:
     given = numbers(option, text, (3, 6), RANGES["N"].most)
     gravity = float(np.linalg.norm(robot.gravity))
     if (far := too_strong(given.tolist(), robot.payload, gravity)) is not None:
-        raise InputError(f"{option}: found {far[1]}, allowed: {far[2]} of {robot.name}")
+        raise InputError(f"{option}: found {far.found}, allowed: {far.allowed} of {robot.name}")
     return np.concatenate([given, np.zeros(6 - len(given))])
 
 

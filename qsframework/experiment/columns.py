@@ -424,10 +424,12 @@ def strength_problems(table: Table, wrench: Array, payload: float | None, gravit
     for i, load in enumerate(np.nan_to_num(wrench).tolist()):
         far = plausible.too_strong(load, payload, g)
         if far is not None and len(out) < MOST_PROBLEMS:
-            what = {"f": "force", "m": "moment"}[far[0]]
-            message = f"no test of an arm applies this {what}; is the column's unit right?"
-            stem = next((c for c in (f"{far[0]}{axis}" for axis in "zxy") if c in table.names), f"{far[0]}z")
-            out.append(table.problem(i, stem, message, far[1], far[2]))
+            message, letter = (
+                f"no test of an arm applies this {far.quantity}; is the column's unit right?",
+                far.quantity[0],
+            )
+            stem = next((c for c in (f"{letter}{axis}" for axis in "zxy") if c in table.names), f"{letter}z")
+            out.append(table.problem(i, stem, message, far.found, far.allowed))
     return out
 
 

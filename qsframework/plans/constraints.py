@@ -13,7 +13,7 @@ from qsframework.elastostatics import Model, Site, actuator_torques, flip_margin
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, Plan
 from qsframework.experiment.constraints import tool_shapes
-from qsframework.plugin import Array, Poses
+from qsframework.plugin import Array, Loop, Poses
 from qsframework.robot import Robot, Shape
 from qsframework.robot.collision import Collider, above_floor, make_collider, obstacle_collider
 from qsframework.robot.kinematics import Frames, cross, joint_frames, twists
@@ -99,6 +99,16 @@ def check_way(experiment: Experiment, model: Model, pendant: Array) -> dict[str,
         "transmission angle": model.transmission_margin(poses) >= 0.0,
     }
     return allowed | _check_places(experiment, poses.q, _check_clear)
+
+
+def on_one_side(experiment: Experiment, pendant: Array) -> Flags:
+    """Which of N poses have every loop on the side of flat where most have it: no way leads over flat."""
+    facts, q = experiment.robot.facts, experiment.robot.controller.to_joints(pendant)
+    own = np.zeros(len(q), dtype=int)
+    for loop in (effect for effect in experiment.model().effects if isinstance(effect, Loop)):
+        joints = [facts.joint_index(joint) for joint in loop.joints(facts) if joint in facts.joints]
+        own = 2 * own + (loop.side(q[:, joints], facts) > 0.0)
+    return np.asarray(own == np.bincount(own).argmax())
 
 
 def _without_load(experiment: Experiment, pendant: Array) -> Poses:

@@ -22,6 +22,7 @@ from qsframework.plans.candidates import Candidates, generate_candidates
 from qsframework.plans.catalogue import find_criterion
 from qsframework.plans.certified import relaxed_design, shares
 from qsframework.plans.column_generation import Relaxed
+from qsframework.plans.constraints import on_one_side
 from qsframework.plans.criteria import Criterion, Mean, covariance
 from qsframework.plans.exact import Quotas, exchange
 from qsframework.plans.options import CriterionName, DesignOptions
@@ -105,7 +106,7 @@ def design(
     if isinstance(candidates, int):
         told = partial(tell, "candidate poses")
         candidates = generate_candidates(experiment, candidates, seed, told, work)
-    taken, again = counted_once(taken)
+    given, (taken, again) = taken, counted_once(taken)
     names = experiment.fit_names()
     samples = np.stack(
         [start_values(experiment, names, x) for x in draw_samples(experiment.model(), options.samples, seed)]
@@ -132,10 +133,18 @@ def design(
     assert best is not None
     once = (f"poses that stand twice in what was taken count once: {some_of(again)}",) if again else ()
     plan, M = _plan(best, rule, options, tries[0].bound, seed, tell, *once)
-    if not of_tip or options.free:
+    if of_tip and not options.free:
+        base = Mean(_criterion(problem, options, test_poses, tip, ())) if beside else None
+        plan = _with_tip(plan, base and float(base.value(M)), float(rule.value(_as_known(problem))))
+    if on_one_side(experiment, plan.pendant).all():
         return plan
-    base = Mean(_criterion(problem, options, test_poses, tip, ())) if beside else None
-    return _with_tip(plan, base and float(base.value(M)), float(rule.value(_as_known(problem))))
+    every = problem.pendant
+    kept = every[on_one_side(experiment, every)]
+    more = {"options": options, "test_poses": test_poses, "tip": tip, "taken": given, "work": work}
+    return _noted(
+        design(experiment, poses, candidates=kept, seed=seed, progress=progress, **more),
+        f"{len(every) - len(kept)} of {len(every)} candidates are left out: a loop would pass flat on the way",
+    )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -346,7 +355,9 @@ def _plan(
     poses, polished = problem.batch(chosen), None
     if options.polish:
         pendant = polish(problem, rule, chosen, counts, lambda i, n: tell("polish", i, n))
-        poses = replace(poses, pendant=pendant, q=problem.experiment.robot.controller.to_joints(pendant))
+        pendant, chosen, counts = _met(problem, pendant, chosen, counts)
+        q = problem.experiment.robot.controller.to_joints(pendant)
+        poses = replace(problem.batch(chosen), pendant=pendant, q=q)
         rows = problem.rows_at(pendant, chosen)
         M = problem.prior + sum(c * np.swapaxes(r, -1, -2) @ r for c, r in zip(counts, rows, strict=True))
         polished = before
@@ -387,6 +398,14 @@ def _plan(
     return plan, M
 
 
+def _met(problem: DesignProblem, pendant: Array, chosen: Indices, counts: Indices) -> tuple[Array, Indices, Indices]:
+    """Polished poses, with their candidates and counts: those that have come to the same are one, counted together."""
+    own = np.column_stack([problem.station(chosen), problem.load(chosen), pendant])
+    _, first, same = np.unique(own, axis=0, return_index=True, return_inverse=True)
+    kept = np.sort(first)
+    return pendant[kept], chosen[kept], np.bincount(first[same.ravel()], counts)[kept].astype(np.intp)
+
+
 def _as_known(problem: DesignProblem) -> Array:
     """The information before the plan, springs of which nothing is known as far off as their stated, else their
     natural size."""
@@ -400,6 +419,11 @@ def _with_tip(plan: Plan, base: float | None, before: float) -> Plan:
     """With what is known of the tip in the base frame, where that is not what the plan is for, and before the plan."""
     assert plan.certificate is not None
     return replace(plan, certificate=replace(plan.certificate, value_in_base=base, value_before=before))
+
+
+def _noted(plan: Plan, note: str) -> Plan:
+    assert plan.certificate is not None
+    return replace(plan, certificate=replace(plan.certificate, notes=(*plan.certificate.notes, note)))
 
 
 def _settled_information(problem: DesignProblem, index: Indices, weights: Array) -> Array:

@@ -14,6 +14,7 @@ from qsframework.elastostatics import actuator_torques
 from qsframework.errors import InputError, Problem, refuse
 from qsframework.experiment import Experiment, Plan
 from qsframework.plans import broken_constraints
+from qsframework.plans.constraints import on_one_side
 from qsframework.plans.options import Order
 from qsframework.plans.ordering import visits, way_length
 from qsframework.plans.path_check import Surroundings, find_way
@@ -160,7 +161,9 @@ def _check_constraints(around: Surroundings, plan: Plan, home: Array | None, fil
     """InputError where a pose or home breaks what keeps robot and load safe."""
     pendant = plan.pendant if home is None else np.vstack([plan.pendant, home])
     names = [*(f"pose {p!r}" for p in plan.pose), "home"]
+    away = np.flatnonzero(~on_one_side(around.experiment, pendant)).tolist()
     breaks = [(names[i], ", ".join(words)) for i, words in enumerate(around.named(pendant)) if words]
+    breaks += [(names[i], "'transmission angle' on the way: a loop would pass flat between it and most") for i in away]
     breaks = breaks or [
         (f"pose {pose!r}", repr(constraint))
         for constraint, poses in broken_constraints(around.experiment, plan).items()

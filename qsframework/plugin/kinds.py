@@ -204,6 +204,11 @@ class Loop(Effect):
         """Angle (N,) rad in [0, pi/2] between the bars; 0 where the loop is flat and transmits nothing."""
         return np.full(len(q), 0.5 * np.pi)
 
+    def side(self, q: Array, robot: RobotFacts) -> Array:
+        """On which side of flat it stands (N,), -1 or 1, at angles (N, k) of those of its joints that are the arm's: no
+        arm gets to the other. 1 of a loop that reaches its angles on one side only."""
+        return np.ones(len(q))
+
     @property
     def smallest_transmission_angle(self) -> float:
         """The margin (rad) below which no pose is planned."""

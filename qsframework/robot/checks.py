@@ -6,7 +6,7 @@ double a link that has two parents.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -23,7 +23,7 @@ def check_structure(urdf: Urdf) -> list[Problem]:
     """Everything wrong in a URDF, with file and line. An arm of which no link has a mass may be without."""
     empty = weightless(urdf)
     moved = {joint.child: joint for joint in urdf.joints if joint.moves and not empty}
-    problems = [*check_tree(urdf), *_ends(urdf), *_roots(urdf)]
+    problems = [*check_tree(urdf), *_roots(urdf)]
     for link in urdf.links:
         problems += _mass(urdf, link, link.name in moved)
     for joint in urdf.joints:
@@ -33,7 +33,7 @@ def check_structure(urdf: Urdf) -> list[Problem]:
 
 def check_tree(urdf: Urdf) -> list[Problem]:
     """What keeps links and joints from being a tree whose every part has a name of its own, with file and line."""
-    return [*urdf.unreadable, *_names(urdf), *_parents(urdf), *_circles(urdf)]
+    return [*urdf.unreadable, *_names(urdf), *_ends(urdf), *two_parents(urdf), *_circles(urdf)]
 
 
 def weightless(urdf: Urdf) -> bool:
@@ -102,7 +102,8 @@ def _names(urdf: Urdf) -> Iterator[Problem]:
                 yield item.place.problem(f"{kind} {item.name!r} stands here again; it is also at {where}")
             first.setdefault(item.name, item)
     if not urdf.links:
-        yield Problem("holds no link", file=str(urdf.path))
+        hint = "A xacro that only defines macros draws nothing: give the file that calls them."
+        yield Problem("holds no link", file=str(urdf.path), hint=hint)
 
 
 def _ends(urdf: Urdf) -> Iterator[Problem]:
@@ -116,15 +117,18 @@ def _ends(urdf: Urdf) -> Iterator[Problem]:
                 yield joint.place.problem(message, allowed=", ".join(names), hint=nearest(link, names))
 
 
-def _parents(urdf: Urdf) -> Iterator[Problem]:
-    first: dict[str, Joint] = {}
-    for joint in urdf.joints:
-        other = first.setdefault(joint.child, joint)
-        if other is not joint and joint.child:
-            yield joint.place.problem(
-                f"link {joint.child!r} has two parents: joint {other.name!r} ({other.place}) and joint {joint.name!r}",
-                hint="A closed loop is an effect in robot.yaml, such as parallelogram; the URDF is a tree.",
-            )
+def two_parents(urdf: Urdf, advice: Callable[[Joint, Joint], str] | None = None) -> list[Problem]:
+    """Every link with two parents. advice: what to do, by the two joints that carry it"""
+    first = {joint.child: joint for joint in reversed(urdf.joints)}
+    loop = "A closed loop is an effect in robot.yaml, such as parallelogram; the URDF is a tree."
+    return [
+        joint.place.problem(
+            f"link {joint.child!r} has two parents: joint {one.name!r} ({one.place}) and joint {joint.name!r}",
+            hint=advice(one, joint) if advice else loop,
+        )
+        for joint in urdf.joints
+        if joint.child and (one := first[joint.child]).name != joint.name
+    ]
 
 
 def _roots(urdf: Urdf) -> Iterator[Problem]:
@@ -199,7 +203,7 @@ def _joint(urdf: Urdf, joint: Joint) -> Iterator[Problem]:
             yield joint.place.problem(f"{owner}: the lower limit must be below the upper", found=found, hint=hint)
     if joint.moves and np.isfinite(joint.axis).all() and np.linalg.norm(joint.axis) < 1e-9:
         yield joint.place.problem(f"{owner}: the axis has no direction", found="0 0 0")
-    if joint.mimic is None:
+    if joint.mimic is None or not joint.moves:
         return
     names, other = [other.name for other in urdf.joints if other is not joint], joint.mimic.joint
     if other not in names:

@@ -326,7 +326,12 @@ def _solid(shape: Shape) -> Any:
         corners = library.StdVec_Vec3s()
         for corner in shape.hull.whole:
             corners.append(corner)
-        return library.Convex.convexHull(corners, True, "Qt")
+        try:
+            return library.Convex.convexHull(corners, True, "Qt")
+        except (
+            RuntimeError
+        ):  # Qt makes a fan of a flat face, and coal holds 255 neighbours of a corner; QJ breaks it up
+            return library.Convex.convexHull(corners, True, "QJ")
     kinds = {"box": library.Box, "cylinder": library.Cylinder, "sphere": library.Sphere}
     return kinds[shape.kind](*(float(v) for v in shape.size))
 

@@ -92,6 +92,7 @@ class _Expansion:
         self.tables: dict[Path, dict[str, Any]] = {}
         self.notes: list[str] = []
         self.failed: tuple[Path, str] | None = None
+        self.bare: list[str] = []
         self.calls = self.elements = self.text = 0
 
     def run(self, path: Path) -> Node:
@@ -200,6 +201,9 @@ class _Expansion:
         if any(isinstance(one, NotAllowed) for one in _causes(error)):
             hint = "Expand it with xacro and give the URDF: xacro FILE -o arm.urdf."
             problem = replace(problem, hint=hint)
+        elif self.bare:
+            hint = f"{self.bare[0]} is none of xacro's: write it with xacro: before its name, as all of its kind."
+            problem = replace(problem, hint=hint)
         line = None if self.failed is None else self._line(*self.failed)
         if self.failed is not None and line is not None:
             problem = replace(problem, file=str(self.failed[0]), line=line)
@@ -226,6 +230,8 @@ class _Expansion:
         parts: list[bytes] = []
         last = 0
         for tag, offset, line, attributes in xml_tree.starts(data, str(path)):
+            if f"xacro:{tag}" in _BUILT_IN:  # as in the files of the first xacro
+                self.bare.append(f"<{tag}> of {path.name}, line {line},")
             if tag in _BUILT_IN:
                 continue
             at = offset + 1 + len(tag.encode("utf-8"))
@@ -256,7 +262,7 @@ class _Expansion:
             raise InputError(Problem(message, file=self._current(), argument=argument))
         if text == "$(cwd)" or words[:1] == ["dirname"]:
             return str(self.folder)
-        raise ValueError(f"{text} is not allowed; a robot file may use $(arg NAME) and $(find FOLDER)")
+        raise NotAllowed(f"{text} is not allowed; a robot file may use $(arg NAME) and $(find FOLDER)")
 
     def _package(self, name: str) -> str:
         if "/" in name or name.startswith("."):  # a path: refused where a file is read through it

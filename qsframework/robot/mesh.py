@@ -77,7 +77,7 @@ def mesh_file(mesh: MeshVisual, urdf: Path, folder: Path, sources: Sources | Non
     """
     sources, name = sources or Sources(), mesh.name
     rest = name.removeprefix("file://")
-    roots = [folder, sources.home(folder)]
+    roots = [folder, sources.home(folder), *sources.packages.values()]
     tried = [urdf.parent / rest, folder / rest]
     if name.startswith(_SPACE):
         package, _, rest = name.removeprefix(_SPACE).partition("/")

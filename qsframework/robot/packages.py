@@ -1,8 +1,9 @@
 """Where the packages are that a robot's files name: `$(find NAME)`, `package://NAME/...`.
 
-Sought are the packages that the user named, the folder of the file with what is in it, and, for a file that somebody
-else wrote, the package that holds the file (the nearest folder with a package.xml, three levels up at most) and the
-packages beside it. Nothing above these is looked at.
+Sought are the packages that the user named and those beside them, the folder of the file with what is in it, and, for a
+file that somebody else wrote, the package that holds the file and the packages beside it. That is the nearest folder
+with a package.xml, three levels up at most; where there is none, the folder above one that is called as packages call
+that of their robots. Nothing above these is looked at.
 """
 
 from __future__ import annotations
@@ -18,6 +19,9 @@ from qsframework.files import read_text
 
 _NAME = re.compile(r"\w[\w.-]*")
 _TITLE = re.compile(r"<name>\s*([^<\s]+)\s*</name>")
+_FILE = "package.xml"
+_WITHIN = ("urdf", "xacro", "robots", "model", "models", "description")
+"""Folders of a package in which its robots are."""
 _UP, _DOWN, _MOST = 3, 3, 500
 """Levels from a file to its package, levels and folders below one that are looked into."""
 _MANIFEST = 100_000
@@ -57,16 +61,15 @@ class Sources:
     def home(self, folder: Path) -> Path:
         """The package that holds a folder: the folder itself for a robot of one's own, and where there is none."""
         around = [folder.resolve(), *folder.resolve().parents][: _UP + 1] if self.nearby else []
-        return next((here for here in around if (here / _FILE).is_file()), folder)
+        stripped = around[1] if around and around[0].name in _WITHIN else folder
+        return next((here for here in around if (here / _FILE).is_file()), stripped)
 
     def _beside(self, package: str, home: Path) -> Iterator[Path]:
-        """Packages beside the one that holds the file."""
-        if self.nearby and (home / _FILE).is_file():
-            beside = (found for found in _folders(home.parent) if (found / _FILE).is_file())
-            yield from (found for found in beside if package in (found.name, _title(found)))
-
-
-_FILE = "package.xml"
+        """Packages beside the one that holds the file, and beside those that were named."""
+        around = _folders(home.parent) if self.nearby and (home / _FILE).is_file() else []
+        own = (found for found in around if (found / _FILE).is_file())
+        named = (found for one in self.packages.values() for found in _folders(one.resolve().parent))
+        yield from (found for found in chain(own, named) if package in (found.name, _title(found)))
 
 
 def inside(path: Path, folder: Path) -> bool:

@@ -23,6 +23,8 @@ _MIMIC = (("multiplier", "1"), ("offset", "0"))
 _GREY = (0.7, 0.7, 0.7, 1.0)
 _LARGEST = 1e9
 """No length, mass or inertia of an arm comes near; the square of a number beyond 1e154 is infinite."""
+_NO_LIMIT = 1e300
+"""How large the ends of a joint's range are written where it has none."""
 _MOST_LINKS = 1000
 """Cells of several arms with all that stands in them have 300."""
 
@@ -121,14 +123,15 @@ class Joint:
 
 @dataclass(frozen=True, eq=False)
 class Urdf:
-    """All links and joints in the file's order, duplicates included, the numbers that could not be read, and notes on
-    what the file says twice."""
+    """All links and joints in the file's order, duplicates included, the numbers that could not be read, notes on
+    what the file says twice, and the tree that all was read from, None of an arm that comes from no URDF."""
 
     path: Path
     links: tuple[Link, ...]
     joints: tuple[Joint, ...]
     unreadable: tuple[Problem, ...]
     notes: tuple[str, ...] = ()
+    tree: Node | None = None
 
     def link(self, name: str) -> Link:
         return next(link for link in self.links if link.name == name)
@@ -175,7 +178,7 @@ def read_urdf(path: Path, folder: Path, sources: Sources | None = None) -> Urdf:
             Problem(f"holds {len(links)} links", file=str(path), allowed=f"up to {_MOST_LINKS}", hint=hint)
         )
     joints = tuple(reader.joint(node) for node in root.all("joint"))
-    return Urdf(path, links, joints, tuple(reader.problems), tuple(notes))
+    return Urdf(path, links, joints, tuple(reader.problems), tuple(notes), root)
 
 
 @dataclass
@@ -191,13 +194,14 @@ class _Reader:
         if text is None:
             self.problems.append(node.place.problem(f"{owner}: <{node.tag}> has no {key}"))
             return np.full(count, np.nan)
+        most = _NO_LIMIT if node.tag == "limit" else _LARGEST
         try:
             values = np.array([float(part) for part in text.split()]) if text.isascii() else np.empty(0)
         except ValueError:
             values = np.empty(0)
-        if len(values) != count or not (np.abs(values) <= _LARGEST).all():
+        if len(values) != count or not (np.abs(values) <= most).all():
             wanted = "a finite number" if count == 1 else f"{count} finite numbers"
-            wanted += f" of up to {_LARGEST:g}" if np.isfinite(values).all() and len(values) == count else ""
+            wanted += f" of up to {most:g}" if np.isfinite(values).all() and len(values) == count else ""
             self.problems.append(
                 node.place.problem(f"{owner}: {key} of <{node.tag}> must be {wanted}", found=repr(text[:60]))
             )
@@ -301,8 +305,8 @@ class _Reader:
 
     def limits(self, node: Node, owner: str) -> tuple[float, float] | None:
         limit = node.first("limit")
-        if limit is None or not {"lower", "upper"} <= limit.attributes.keys():
+        if limit is None or limit.attributes.keys().isdisjoint(("lower", "upper")):
             return None
         # not bounded as angles are: a limit of 1e16 is how many files say that there is none
-        lower, upper = (float(self.numbers(limit, key, 1, owner)[0]) for key in ("lower", "upper"))
+        lower, upper = (float(self.numbers(limit, key, 1, owner, "0")[0]) for key in ("lower", "upper"))
         return lower, upper

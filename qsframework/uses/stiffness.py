@@ -144,8 +144,8 @@ def check_asked(robot: Robot, pendant: Array, wrench: Array) -> None:
         raise InputError(Problem(words, found=found, allowed=unit.between(low, high), hint=hint, argument=("pose", "")))
     for load in wrench.tolist():
         if (far := too_strong(load, robot.payload, float(np.linalg.norm(robot.gravity)))) is not None:
-            allowed = f"{far[2]} of {robot.name}"
-            raise InputError(Problem("wrench: beyond any test of the arm", found=far[1], allowed=allowed))
+            allowed = f"{far.allowed} of {robot.name}"
+            raise InputError(Problem("wrench: beyond any test of the arm", found=far.found, allowed=allowed))
 
 
 def spring_names(model: Model) -> tuple[str, ...]:

@@ -346,7 +346,8 @@ def test_on_a_telephone_one_thing_at_a_time(folder: Path, server: Server) -> Non
 
     page = Browser(folder / "profile", server.address)
     seen = """({next: !!document.getElementById("next").getClientRects().length,
-      asked: document.querySelectorAll(".box").length, shown: [...document.querySelectorAll(".box")].filter(b => b.getClientRects().length).length,
+      asked: document.querySelectorAll(".box").length,
+      shown: [...document.querySelectorAll(".box")].filter(b => b.getClientRects().length).length,
       wide: document.documentElement.scrollWidth, open: document.querySelectorAll("details[open]").length,
       low: [...document.querySelectorAll("button, input, summary")].filter(b => b.getClientRects().length)
       .map(b => b.getBoundingClientRect().height).filter(h => h < 44)})"""

@@ -14,6 +14,7 @@ from qsframework.experiment import Experiment
 from qsframework.robot import Robot, Shape, load_robot
 from qsframework.robot.collision import Collider, above_floor, lowest_point, make_collider
 from qsframework.robot.kinematics import Frames, joint_chain, joint_frames
+from qsframework.robot.mesh import convex_hull
 from qsframework.robot.sight import depth, visible
 
 GREY = (0.5, 0.5, 0.5, 1.0)
@@ -241,3 +242,18 @@ def test_a_reflector_may_stand_on_its_solid(m900ib: Experiment, kind: str) -> No
     assert seen(0.3, link=1)
     assert np.isclose(depth(shape, np.array([0.15, 0, 0])), 0.05)
     assert depth(shape, np.array([0.25, 0, 0])) < 0
+
+
+def test_a_hull_with_a_flat_face_of_many_corners_is_one(m900ib: Experiment) -> None:
+    """A round flange of a fine mesh: six hundred corners in one plane, one of which a fan of triangles gives
+    as many neighbours."""
+    turn = np.linspace(0.0, 2.0 * np.pi, 600, endpoint=False)
+    rim = np.stack([0.3 * np.cos(turn), 0.3 * np.sin(turn)], axis=1)
+    points = np.concatenate([np.pad(rim, ((0, 0), (0, 1)), constant_values=z) for z in (-0.1, 0.1)])
+    ball = Shape(2, np.eye(4), "sphere", (0.05,), GREY)
+    disc = Shape(0, np.eye(4), "hull", (), GREY, hull=convex_hull(points))
+    placed = loose_links(m900ib, np.random.default_rng(3), 300, 0.15)
+    hit = Collider((disc, ball), np.array([[0, 1]]), 0.0, ()).collides(placed)
+    drum = Shape(0, np.eye(4), "cylinder", (0.3, 0.2), GREY)
+    assert np.mean(hit == Collider((drum, ball), np.array([[0, 1]]), 0.0, ()).collides(placed)) > 0.99
+    assert 20 < hit.sum() < 280

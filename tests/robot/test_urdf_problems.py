@@ -43,7 +43,7 @@ CASES = {
         'joint name="elbow"',
         ("'elbow' has no limits",),
     ),
-    "half a limit": (('lower="-3" upper', "upper"), 'joint name="elbow"', ("'elbow' has no limits",)),
+    "an effort alone": (('lower="-3" upper="3"', ""), 'joint name="elbow"', ("'elbow' has no limits",)),
     "limits swapped": (
         ('lower="-3" upper="3"', 'lower="3" upper="-3"'),
         'joint name="elbow"',

@@ -79,7 +79,7 @@ def test_what_moves_beyond_a_flange_is_a_tools(tmp_path: Path) -> None:
     found = by_name(made(tmp_path, six(HAND + fingers)))
     assert found["finger_0"].why == found["finger_1"].why == "beyond the flange tool0"
     with pytest.raises(InputError, match=r"2 chains hang on 'base_link'"):
-        made(tmp_path / "two", six((HAND + fingers).replace("tool0", "plate"), tool="plate"))
+        made(tmp_path / "two", six((HAND + fingers).replace("tool0", "plate").replace("finger", "claw"), tool="plate"))
 
 
 @pytest.mark.parametrize(

@@ -359,7 +359,6 @@ def test_meshes_of_a_package_become_solids(kind: str, tmp_path: Path) -> None:
 
 
 BAD = {
-    "a mesh of 100 MB": ("big.stl", "100 MB, more than 20"),
     "a path to elsewhere": ("../../../secret.stl", "outside the robot's folder and packages, and is not read"),
     "a link to elsewhere": ("linked.stl", "outside the robot's folder and packages, and is not read"),
     "a package with a way out": ("package://maker/../../secret.stl", "outside the robot's folder and packages"),
@@ -371,8 +370,6 @@ def test_bad_meshes_are_named_with_file_and_line(case: str, tmp_path: Path) -> N
     name, words = BAD[case]
     folder = tmp_path / "src" / "maker" / "urdf"
     folder.mkdir(parents=True)
-    (folder / "big.stl").touch()
-    os.truncate(folder / "big.stl", 100_000_000)
     (folder.parent / "package.xml").write_text("<package><name>maker</name></package>")
     for place in (tmp_path, tmp_path / "src"):
         (place / "secret.stl").write_bytes(stl((1, 1, 1)))
@@ -390,13 +387,16 @@ def test_bad_meshes_are_named_with_file_and_line(case: str, tmp_path: Path) -> N
 
 
 def test_a_broken_mesh_is_a_note(tmp_path: Path) -> None:
-    """The arm is as good without it; what was not read is named with its place in the file."""
+    """The arm is as good without it; what was not read, or is too large, is named with its place in the file."""
     (tmp_path / "broken.stl").write_bytes(b"this is no mesh")
+    (tmp_path / "big.stl").touch()
+    os.truncate(tmp_path / "big.stl", 100_000_000)
     (tmp_path / "good.stl").write_bytes(stl((0.2, 0.1, 0.8)))
     text = ARM.replace("package://gone/upper.stl", "broken.stl").replace("package://gone/fore.stl", "good.stl")
+    text = text.replace("package://gone/hand.stl", "big.stl")
     proposal = propose("arm", file_of(tmp_path, text.replace("<link", "\n<link")))
     (told,) = (note for note in proposal.checklist if note.startswith("meshes: these cannot be read"))
-    assert re.search(r"broken\.stl \(line \d+\)$", told)
+    assert re.search(r"broken\.stl \(line \d+\), big\.stl \(line \d+\)$", told)
     assert [name for name in proposal.files if name.startswith("meshes/")] == [
         "meshes/3_fore_0.obj",
         "meshes/3_fore_solid_0.obj",
