@@ -136,15 +136,13 @@ def design(
     if of_tip and not options.free:
         base = Mean(_criterion(problem, options, test_poses, tip, ())) if beside else None
         plan = _with_tip(plan, base and float(base.value(M)), float(rule.value(_as_known(problem))))
-    if on_one_side(experiment, plan.pendant).all():
+    if experiment.constraints.collision is False or on_one_side(experiment, plan.pendant).all():
         return plan
     every = problem.pendant
     kept = every[on_one_side(experiment, every)]
-    more = {"options": options, "test_poses": test_poses, "tip": tip, "taken": given, "work": work}
-    return _noted(
-        design(experiment, poses, candidates=kept, seed=seed, progress=progress, **more),
-        f"{len(every) - len(kept)} of {len(every)} candidates are left out: a loop would pass flat on the way",
-    )
+    anew = partial(design, experiment, poses, candidates=kept, seed=seed, progress=progress, options=options)
+    left = f"{len(every) - len(kept)} of {len(every)} candidates are left out: a loop would pass flat on the way"
+    return _noted(anew(test_poses=test_poses, tip=tip, taken=given, work=work), left)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
