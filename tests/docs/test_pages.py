@@ -43,3 +43,10 @@ def test_the_pictures_of_the_diagnosis_are_those_of_its_tables(root: Path) -> No
     for name, drawn in draw_records.pictures().items():
         assert (root / "docs" / "images" / name).read_text() == drawn, "run: python benchmarks/draw_records.py"
         assert name in (root / "docs" / "results.md").read_text()
+
+
+def test_the_messages_of_their_page_are_those_of_the_code(root: Path) -> None:
+    told = "".join(p.read_text() for d in ("qsframework", "plugins") for p in (root / d).rglob("*.py"))
+    said = re.findall(r"^\| (?!it says|---)(.+?) \|", (root / "docs" / "messages.md").read_text(), re.M)
+    assert len(said) >= 15
+    assert not [message for message in said if message not in told]
