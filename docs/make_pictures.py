@@ -94,10 +94,12 @@ tolerance_mm: 0.75
 def certificate(images: Path) -> None:
     """The first sheet of a certificate of the UR10, extended by what its readings name."""
     with tempfile.TemporaryDirectory() as name:
-        meta, fit, page, extended = (Path(name) / f for f in ("meta.yaml", "fit.json", "certificate.html", "extended"))
-        experiment = str(extended / "experiment.yaml")
+        meta, fit, page = (Path(name) / f for f in ("meta.yaml", "fit.json", "certificate.html"))
         meta.write_text(META)
-        qsf("diagnose", str(HERE.parent / "examples" / "ur10" / "experiment.yaml"), "--extend", str(extended))
+        experiment = str(HERE.parent / "examples" / "ur10" / "experiment.yaml")
+        for extended in (Path(name) / "extended", Path(name) / "again"):  # until the readings name nothing more
+            qsf("diagnose", experiment, "--extend", str(extended))
+            experiment = str(extended / "experiment.yaml")
         qsf("identify", experiment, "--json", str(fit))
         qsf("certificate", experiment, str(fit), "--halves", "3", "--meta", str(meta), "-o", str(page))
         screenshot(page, images / "certificate.png", "900,1300")
@@ -159,9 +161,10 @@ qsf export {experiment} plan.csv --to fanuc-ls --hold -o campaign.ls
 qsf diagnose {hidden}
 qsf diagnose {hidden} plan.csv
 qsf diagnose {ur10} --extend extended
-qsf identify extended/experiment.yaml --json positions.json
-qsf kinematics extended/experiment.yaml positions.json --urdf corrected.urdf --offsets offsets.csv
-qsf certificate extended/experiment.yaml positions.json --halves 3 -o certificate.html
+qsf diagnose extended/experiment.yaml --extend again
+qsf identify again/experiment.yaml --json positions.json
+qsf kinematics again/experiment.yaml positions.json --urdf corrected.urdf --offsets offsets.csv
+qsf certificate again/experiment.yaml positions.json --halves 3 -o certificate.html
 qsf day {day} {day_plan} -o session --cycles 1 --no-half --repeat-share 0 --watch {exports} --once
 qsf import {ur10} {tracker} --mapping {mapping} --series D -o ur10.csv
 qsf compare fanuc_m900ib fanuc_r2000ic --task {task}

@@ -100,7 +100,8 @@ class ResultView:
             raise InputError(
                 Problem(f"no plot shows this: {self.line()}", hint="qsf.show draws robots and experiments")
             )
-        return self.draw()
+        figure = self.draw()  # a report sets the title itself; alone the plot needs room for it above the legend
+        return figure.update_layout(title={"x": 0.01, "y": 0.98, "yanchor": "top"}, margin={"t": 84})
 
 
 @singledispatch
