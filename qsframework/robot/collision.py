@@ -328,9 +328,8 @@ def _solid(shape: Shape) -> Any:
             corners.append(corner)
         try:
             return library.Convex.convexHull(corners, True, "Qt")
-        except (
-            RuntimeError
-        ):  # Qt makes a fan of a flat face, and coal holds 255 neighbours of a corner; QJ breaks it up
+        except RuntimeError:
+            # Qt makes a fan of a flat face, and coal holds 255 neighbours of a corner; QJ breaks it up
             return library.Convex.convexHull(corners, True, "QJ")
     kinds = {"box": library.Box, "cylinder": library.Cylinder, "sphere": library.Sphere}
     return kinds[shape.kind](*(float(v) for v in shape.size))
