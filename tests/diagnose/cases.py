@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +17,6 @@ from qsframework.elastostatics.so3 import exponential
 from qsframework.errors import NotConverged
 from qsframework.experiment import (
     Experiment,
-    Frame,
     ReadingRows,
     Readings,
     example,
@@ -152,11 +152,14 @@ def day_of_positions(
 
 def unstable(monkeypatch: pytest.MonkeyPatch) -> None:
     """From now on no equilibrium settles."""
-    right = ReadingRows.predict
 
-    def predict(self: ReadingRows, model: Model, x: Array, frames: Sequence[Frame] = (), linear: bool = False) -> Array:
-        if not linear:
-            raise NotConverged("beyond the arm's stability")
-        return right(self, model, x, frames, linear)
+    def settled_never(right: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*given: Any, linear: bool = False) -> Any:
+            if not (linear or given[-1] is True):
+                raise NotConverged("beyond the arm's stability")
+            return right(*given, **({"linear": True} if linear else {}))
 
-    monkeypatch.setattr(ReadingRows, "predict", predict)
+        return call
+
+    for name in ("predict", "rates"):
+        monkeypatch.setattr(ReadingRows, name, settled_never(getattr(ReadingRows, name)))
