@@ -1,4 +1,7 @@
-"""`--help`: options in groups; what many commands share is explained once, by `qsf --help`."""
+"""`--help`: options in groups; what many commands share is explained once, by `qsf --help`.
+
+Commands of installed packages stand beside its own: each is loaded when it is asked for.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +9,13 @@ import re
 from collections.abc import Iterable, Iterator
 from typing import Any
 
+import typer
 from typer.core import TyperCommand, TyperGroup
 
-from qsframework.cli.installed import check_clash, installed_command
+from qsframework.cli.declared import expanded
 from qsframework.cli.options import SHARED
-from qsframework.errors import PluginError
-from qsframework.installed import COMMANDS, entries
+from qsframework.errors import InputError, PluginError, Problem
+from qsframework.installed import COMMANDS, entries, label, lacking, load
 from qsframework.terminal import folded, paragraphs, width
 
 _VALUES = {"int": "N", "float": "X", "path": "FILE", "file": "FILE", "Path": "FILE"}
@@ -120,3 +124,22 @@ class CommandGroup(TyperGroup):
         lines += ["", "Options of many commands:", *_rows(shared, room)]
         lines += _groups((o for o in _options(self) if not _shared(o)), ctx, room)
         formatter.write("\n".join(lines) + "\n")
+
+
+def installed_command(name: str, kind: type[Any]) -> Any:
+    """The command of a name, of a kind of typer's; None where no package has one. PluginError where it cannot be
+    imported, InputError where its package is gone."""
+    if (package := lacking(COMMANDS).get(name)) is not None:
+        hint = "Install qsframework again, as a whole."
+        raise InputError(Problem(f"qsf {name} is a command of {package}, which is not there", hint=hint))
+    if (entry := entries(COMMANDS).get(name)) is None:
+        return None
+    app = typer.Typer(rich_markup_mode=None, context_settings={"help_option_names": ["-h", "--help"]})
+    app.command(name, cls=kind)(expanded(load(entry)))
+    return typer.main.get_command(app)
+
+
+def check_clash(name: str) -> None:
+    """Raises PluginError where a package has a command of a name that is one of `qsf` itself."""
+    if (entry := entries(COMMANDS).get(name)) is not None:
+        raise PluginError(f"{label(entry)} has the name of a command of qsf; uninstall its package")

@@ -27,7 +27,7 @@ from qsframework.diagnoses.result import Diagnosis, Errors, Method, NamedCause, 
 from qsframework.diagnoses.verdict import ambiguous, verdict_of
 from qsframework.estimation import rms
 from qsframework.experiment import Experiment, Readings, make_rows
-from qsframework.experiment.account import Account, account_of
+from qsframework.experiment.account import account_of
 from qsframework.experiment.before import errors_before
 from qsframework.fits.pose_spread import check_pose_spread
 from qsframework.hypotheses.exact_refit import SettledFit
@@ -72,7 +72,10 @@ def diagnose(
         NotIdentifiable: where the baseline itself is not identifiable.
         NotConverged: where its fit does not converge.
     """
-    tell, one_pose = _teller(progress), _one_pose(experiment, readings)
+    # Whether all readings are of one pose. NotIdentifiable where they are and several parameters are fitted.
+    rows = make_rows(readings)
+    angles = readings.poses.q[np.unique(rows.plus)]
+    tell, one_pose = _teller(progress), check_pose_spread(angles, len(experiment.fit_names()), bool(rows.estimated))
     tell("conventions")
     mistakes = find_mistakes(experiment, readings, gross=False)
     last = next(reversed(adopted(mistakes)), None)
@@ -119,8 +122,11 @@ def _told(
     tell("noise")
     audit = audit_of(base, learned.alone if learned and learned.holds else extended)
     after = misfit(base.experiment, base.readings, base.rows, extended)
+    # Of the baseline, with the names that it leaves open, and what is wrong with the readings.
+    account = account_of(base.experiment, base.rows, base.fit.names)
+    wrong = tuple(m.finding for m in mistakes if m.told)
     return Diagnosis(
-        account=_account(base, findings, mistakes),
+        account=replace(account, causes=tuple(f.name for f in findings if not f.doubtful), findings=wrong),
         experiment=base.experiment,
         readings=base.readings,
         verdict=verdict_of(findings, remaining.leftovers, after, audit, ambiguous(library, findings)),
@@ -162,13 +168,6 @@ def _known(findings: Sequence[NamedCause]) -> frozenset[str]:
     return frozenset(f.name for f in findings if not f.doubtful and not f.open_alternative)
 
 
-def _account(base: Baseline, findings: Sequence[NamedCause], mistakes: Sequence[Mistake]) -> Account:
-    """Of the baseline, with the names that it leaves open, and what is wrong with the readings."""
-    account = account_of(base.experiment, base.rows, base.fit.names)
-    wrong = tuple(m.finding for m in mistakes if m.told)
-    return replace(account, causes=tuple(f.name for f in findings if not f.doubtful), findings=wrong)
-
-
 def _mistakes_as_causes(mistakes: Sequence[Mistake]) -> tuple[NamedCause, ...]:
     """The conventions and mistakes that were adopted, as causes of their own."""
     return tuple(
@@ -184,13 +183,6 @@ def _mistakes_as_causes(mistakes: Sequence[Mistake]) -> tuple[NamedCause, ...]:
         for m in adopted(mistakes)
         if np.isfinite(m.evidence)
     )
-
-
-def _one_pose(experiment: Experiment, readings: Readings) -> bool:
-    """Whether all readings are of one pose. NotIdentifiable where they are and several parameters are fitted."""
-    rows = make_rows(readings)
-    angles = readings.poses.q[np.unique(rows.plus)]
-    return check_pose_spread(angles, len(experiment.fit_names()), bool(rows.estimated))
 
 
 def _teller(progress: Progress | None) -> Callable[[str], None]:

@@ -160,7 +160,7 @@ def _readings(extension: Extension, folder: Path) -> tuple[dict[str, str], list[
     for k, source in enumerate(sources):
         text = audited_readings(source, extension.audited.of(k))
         if text is None:
-            named.append(_relative(source, folder))
+            named.append(Path(os.path.relpath(source.resolve(), folder.resolve())).as_posix())
             continue
         named.append(_READINGS if k == 0 else f"readings_{k + 1}.csv")
         changed[named[-1]] = text
@@ -262,10 +262,6 @@ def _entry(extension: Extension, p: Parameter) -> dict[str, Any]:
 
 def _extended(title: str) -> str:
     return title if title.endswith(", extended") else f"{title}, extended"
-
-
-def _relative(data: Path, folder: Path) -> str:
-    return Path(os.path.relpath(data.resolve(), folder.resolve())).as_posix()
 
 
 def _check(path: Path, extension: Extension) -> None:

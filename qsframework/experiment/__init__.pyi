@@ -17,7 +17,6 @@ from .constraints import Constraints as Constraints, Sight as Sight
 from .differences import differences as differences
 from .examples import example as example
 from .frames import Frame as Frame, motion_rows as motion_rows, procrustes as procrustes
-from .limits import other_angles as other_angles
 from .measured import keep_measured as keep_measured, write_imported as write_imported
 from .noise import NoiseModel as NoiseModel
 from .observations import (
@@ -30,6 +29,7 @@ from .plan import (
     Plan as Plan,
     PlanCertificate as PlanCertificate,
     make_plan as make_plan,
+    other_angles as other_angles,
     read_plan as read_plan,
     read_poses as read_poses,
     write_plan as write_plan,

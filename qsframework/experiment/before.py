@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from qsframework.elastostatics import Model
 from qsframework.errors import InputError, NotConverged
 from qsframework.estimation import scales
 from qsframework.experiment.observations import ObservationModel, ReadingRows, start_values, values_before
@@ -25,17 +24,13 @@ def errors_before(experiment: Experiment, rows: ReadingRows, names: Sequence[str
     unknown frames, the nests and the tool that suit it best, since no guess of these is an error of the arm."""
     model = experiment.model()
     x = start_values(experiment, names, values_before(model, rows.readings))
-    seen = _suited(ObservationModel(model, rows, rows.start(model, x), x, _of_instrument(model, names), True))
+    # What is estimated of the instrument and of the nests, unless a diagnosis of readings has added it.
+    own = model.names_of(Sensor) - {p.name for p in model.parameters if p.added}
+    seen = _suited(ObservationModel(model, rows, rows.start(model, x), x, tuple(n for n in names if n in own), True))
     try:
         return rows.measured - rows.predict(model, seen.x, seen.frames, linear)
     except (NotConverged, InputError):  # values far off may bear no load
         return rows.measured - rows.predict(model, seen.x, seen.frames, True)
-
-
-def _of_instrument(model: Model, names: Sequence[str]) -> tuple[str, ...]:
-    """What is estimated of the instrument and of the nests, unless a diagnosis of readings has added it."""
-    own = model.names_of(Sensor) - {p.name for p in model.parameters if p.added}
-    return tuple(n for n in names if n in own)
 
 
 def _suited(seen: ObservationModel) -> ObservationModel:

@@ -1,10 +1,14 @@
-"""plan.csv and plan.json: which poses to measure under which load, and the proof of the choice."""
+"""plan.csv and plan.json: which poses to measure under which load, and the proof of the choice.
+
+Joint values outside the limits are one problem for all rows of a column, with the convention that fits.
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +22,7 @@ from qsframework.experiment.columns import (
     WRENCH_NAMES,
     Column,
     Table,
+    WholeCheck,
     force_columns,
     joint_cells,
     joint_stems,
@@ -28,14 +33,17 @@ from qsframework.experiment.columns import (
     write_table,
 )
 from qsframework.experiment.description import changed_parts, description
-from qsframework.experiment.limits import within_limits
 from qsframework.experiment.setup import Experiment
 from qsframework.files import FileRecord, as_file, read_yaml, sha256, validate, write_text
 from qsframework.files.formats import FORMAT, check_format
 from qsframework.plugin import Array, Conditions, Indices, Poses
 from qsframework.plugin.facts import came_from, frozen
+from qsframework.robot import Controller
 from qsframework.units import JointUnits
 from qsframework.viewed import Viewed
+
+_ENOUGH = 3
+"""Different values of a column that lets a convention be seen."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -316,3 +324,71 @@ def _proof(path: Path) -> _Proof:
         told = (replace(p, message=f"is not the proof of a plan: {p.message}") for p in error.problems)
         raise InputError(told) from error
     return proof if proof.plan_sha256 == sha256(path) else replace(proof, certificate=None)
+
+
+def within_limits(experiment: Experiment, k: int) -> WholeCheck:
+    """The check of the column of joint k."""
+    controller, joint = experiment.robot.controller, experiment.robot.facts.driven[k]
+    unit, (lower, upper) = controller.units[k], controller.range_of(k)
+
+    def outside(values: Array) -> npt.NDArray[np.bool_]:
+        return ~((values >= lower - controller.tolerance) & (values <= upper + controller.tolerance))
+
+    def check(numbers: Mapping[str, Array], name: str) -> tuple[int, Problem] | None:
+        values = numbers[f"q{k + 1}"]
+        rows = np.flatnonzero(np.isfinite(values) & outside(values))
+        if not len(rows):
+            return None
+        first, known = float(values[rows[0]]), np.isfinite(values)
+        slip = abs(first) > 2.0 * np.pi and not outside(values[rows[:1]] * unit.factor).any()
+        hint = _units_hint(name) if slip else None
+        fits = [words for words, other in joint_conventions(controller, numbers, k) if not outside(other[known]).any()]
+        if hint is None and fits and len(set(values.tolist())) >= _ENOUGH:
+            hint = f"All rows are inside with {', or with '.join(fits)}. Compare a pose with what the pendant shows."
+        many = f" in {len(rows)} of {len(values)} rows, of which this is the first" if len(rows) > 1 else ""
+        message = f"{joint} is outside its limits{many}"
+        found, allowed = unit.text(first, 4), unit.between(lower, upper)
+        return int(rows[0]), Problem(message, found=found, allowed=allowed, hint=hint)
+
+    return check
+
+
+def joint_conventions(controller: Controller, numbers: Mapping[str, Array], k: int) -> Iterator[tuple[str, Array]]:
+    """Values (R,) of joint k under other conventions of the table, each with its words."""
+    own, sliding = numbers[f"q{k + 1}"], controller.units.sliding
+    yield f"the sign of q{k + 1} reversed", -own
+    for j in (k - 1, k + 1):
+        other = numbers.get(f"q{j + 1}")
+        if other is not None and not sliding[k] and not sliding[j]:
+            for sign, values in (("-", own - other), ("+", own + other)):
+                yield f"q{k + 1} {sign} q{j + 1} in place of q{k + 1} (the axes are coupled)", values
+    if sliding[k]:
+        return
+    for zero in (90, -90, 180, -180):
+        yield f"q{k + 1} {'+' if zero > 0 else '-'} {abs(zero)} deg (another zero)", own + np.deg2rad(zero)
+    yield f"q{k + 1} counted from -180 to 180 deg", (own + np.pi) % (2.0 * np.pi) - np.pi
+
+
+def other_angles(controller: Controller, pendant: Array) -> Iterator[tuple[str, Array]]:
+    """Pendant values (N, n) under other conventions of the log, each with its words."""
+    count = pendant.shape[1]
+    turning = ~np.array(controller.units.sliding)
+    yield "with angles in rad, not in deg", np.where(turning, np.rad2deg(pendant), pendant)
+    yield "with angles in deg, not in rad", np.where(turning, np.deg2rad(pendant), pendant)
+    numbers = {f"q{k + 1}": pendant[:, k] for k in range(count)}
+    for k in range(count):
+        for words, column in joint_conventions(controller, numbers, k):
+            changed = pendant.copy()
+            changed[:, k] = column
+            yield f"with {words}", changed
+    for a, b in combinations(range(count), 2):
+        order = np.arange(count, dtype=np.intp)
+        order[[a, b]] = b, a
+        yield f"with the columns q{a + 1} and q{b + 1} exchanged", pendant[:, order]
+
+
+def _units_hint(name: str) -> str | None:
+    """Of a column whose numbers would be allowed in deg, or mm."""
+    stem, _, unit = name.partition("_")
+    words = {"rad": ("degrees", "deg"), "m": ("millimetres", "mm")}.get(unit)
+    return f"The number looks like {words[0]}: call the column {stem}_{words[1]}." if words else None

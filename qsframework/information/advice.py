@@ -66,7 +66,8 @@ def _spring(model: Model, effect: Spring, coordinate: int, poses: Poses) -> str:
         return f"the load point lies on the axis of {who}, so that no force there turns it: move the load point off it"
     if share is None:
         return f"no force at the load point turns {who} in these poses: bend the wrist or move the load point"
-    pull = _pull_words(int(reach[:, :3].max(axis=0).argmax()))
+    axis = int(reach[:, :3].max(axis=0).argmax())
+    pull = "a vertical load" if axis == 2 else f"a side pull along the base's {'xy'[axis]}"
     what = "forces and moments" if np.any(poses.wrench[:, 3:]) else "forces"
     if share < _LITTLE:
         return f"no reading loads {who}; add {pull} with the arm stretched, so that its lever about {who} is long"
@@ -76,10 +77,6 @@ def _spring(model: Model, effect: Spring, coordinate: int, poses: Poses) -> str:
         f"{who} reaches only {100 * share:.0f} % of the torque these {what} allow; repeat them, raise the "
         f"load, or add {pull} where its lever about {who} is longest"
     )
-
-
-def _pull_words(axis: int) -> str:
-    return "a vertical load" if axis == 2 else f"a side pull along the base's {'xy'[axis]}"
 
 
 def _balancer(model: Model, effect: ParallelSpring, name: str, poses: Poses) -> str:

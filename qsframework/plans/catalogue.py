@@ -41,7 +41,10 @@ def find_criterion(
     """
     check_choice("criterion", CriterionName, name)
     if name in ("D", "A", "O3") and wanted is not None and len(wanted) < parameters:
-        return _of_wanted(name, np.eye(parameters)[:, list(wanted)])
+        # D, A or O3 of the parameters along K (P, s), the others estimated beside them: convex in the information.
+        K = np.eye(parameters)[:, list(wanted)]
+        D, A = Determinant("D", CRITERIA["D"].title, K), Linear("A", CRITERIA["A"].title, K @ K.T)
+        return {"D": D, "A": A, "O3": Sum(((0.5, A), (0.5, D)))}[name]
     if name in CRITERIA:
         return CRITERIA[name]
     if name in ("Ds", "L"):
@@ -56,9 +59,3 @@ def find_criterion(
         raise InputError(f"criterion {name} needs test poses")
     flat = test_rows.reshape(-1, test_rows.shape[-1])
     return Linear("I", TITLES["I"], flat.T @ flat / len(test_rows), depends_on_scale=False)
-
-
-def _of_wanted(name: str, K: Array) -> Criterion:
-    """D, A or O3 of the parameters along K (P, s), the others estimated beside them: convex in the information."""
-    D, A = Determinant("D", CRITERIA["D"].title, K), Linear("A", CRITERIA["A"].title, K @ K.T)
-    return {"D": D, "A": A, "O3": Sum(((0.5, A), (0.5, D)))}[name]

@@ -60,19 +60,15 @@ def difference(function: Function, variable: Array, size: Array | None = None) -
     for j in range(variable.shape[-1]):
         step = np.zeros_like(variable)
         step[..., j] = _STEP * found[j]
-        columns.append(_along(function, variable, step) / (_STEP * found[j]))
+        near = np.asarray(function(variable + step)) - np.asarray(function(variable - step))
+        far = np.asarray(function(variable + 2 * step)) - np.asarray(function(variable - 2 * step))
+        columns.append(((8.0 * near - far) / 12.0) / (_STEP * found[j]))
     return np.stack(columns, axis=-1) if columns else np.zeros((*np.shape(function(variable)), 0))
 
 
 def _sizes(variable: Array) -> Array:
     scale = np.abs(variable.reshape(-1, variable.shape[-1])).max(axis=0, initial=0.0)
     return np.where(scale > 0.0, np.maximum(scale, 1e-3), 1.0)
-
-
-def _along(function: Function, variable: Array, step: Array) -> Array:
-    near = np.asarray(function(variable + step)) - np.asarray(function(variable - step))
-    far = np.asarray(function(variable + 2 * step)) - np.asarray(function(variable - 2 * step))
-    return (8.0 * near - far) / 12.0
 
 
 def derivative(function: Function, variable: Array, size: Array | None = None) -> Array:

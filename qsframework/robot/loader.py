@@ -14,7 +14,7 @@ import numpy as np
 from qsframework.arguments import checked
 from qsframework.errors import InputError, Problem, nearest
 from qsframework.files import Document, read_yaml, validate
-from qsframework.plugin import Array, Effect, Loop, Parameter, RobotFacts
+from qsframework.plugin import Effect, Loop, Parameter, RobotFacts
 from qsframework.plugin.facts import frozen
 from qsframework.plugin.loops import own_joints, with_branches
 from qsframework.plugin.trusted import trusted
@@ -96,6 +96,8 @@ def load_robot(name: str | Path, beside: Path | None = None, *, trust: bool | No
     reading.stop()
     assert isinstance(controller, Controller)
     reading.mimics(urdf, facts, controller)
+    entries = [spec.controller.get(joint) for joint in facts.joints]
+    stated = [None if e is None else e.torque_limit or e.force_limit for e in entries]
     robot = Robot(
         name=spec.name,
         title=spec.title,
@@ -111,7 +113,7 @@ def load_robot(name: str | Path, beside: Path | None = None, *, trust: bool | No
         meshes=read_meshes(urdf, {**frames, **on_branches}, document.path.parent),
         gravity=frozen(spec.gravity),
         payload=spec.payload,
-        torque_limits=_torque_limits(spec, facts),
+        torque_limits=None if all(t is None for t in stated) else frozen([inf if t is None else t for t in stated]),
     )
     check_agreement(robot, document.path, tree)
     return robot
@@ -125,12 +127,6 @@ def _read_facts(
     branches, frames = ((), {}) if tree is None else read_branches(tree, urdf, spec.base, facts)
     passive = tuple(joint for joint in facts.joints if joint not in spec.controller)
     return replace(facts, passive=passive, branches=branches), frames
-
-
-def _torque_limits(spec: RobotSpec, facts: RobotFacts) -> Array | None:
-    entries = [spec.controller.get(joint) for joint in facts.joints]
-    stated = [None if e is None else e.torque_limit or e.force_limit for e in entries]
-    return None if all(t is None for t in stated) else frozen([inf if t is None else t for t in stated])
 
 
 @dataclass

@@ -183,13 +183,9 @@ def _hull(points: Array) -> tuple[Array, Any]:
 def solid_of(vertices: Array, faces: Indices) -> Hull:
     """The convex hull of a mesh (V, 3) m, (F, 3), with the mesh itself where it is not as good as convex."""
     hull = convex_hull(vertices)
-    convex = abs(_volume(vertices, faces)) > _CONVEX * hull.volume
-    return hull if convex else replace(hull, surface=Surface(frozen(vertices), faces))
-
-
-def _volume(vertices: Array, faces: Indices) -> float:
     a, b, c = (vertices[faces[:, k]] for k in range(3))
-    return float(np.einsum("fi,fi->f", a, np.cross(b, c)).sum() / 6.0)
+    convex = abs(float(np.einsum("fi,fi->f", a, np.cross(b, c)).sum() / 6.0)) > _CONVEX * hull.volume
+    return hull if convex else replace(hull, surface=Surface(frozen(vertices), faces))
 
 
 def _outward(points: Array, hull: Any) -> Indices:

@@ -11,7 +11,7 @@ from scipy.stats import qmc
 from qsframework import load_experiment
 from qsframework.errors import InputError
 from qsframework.plans import generate_candidates
-from qsframework.plans.sobol import sobol_blocks
+from qsframework.plans.candidates import sobol_blocks
 
 
 @pytest.mark.parametrize("axes", [1, 2, 6, 7, 16])

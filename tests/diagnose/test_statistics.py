@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from qsframework.diagnoses.evidence_table import hangs_on
+from qsframework.diagnoses.evidence_table import alternative_set, hangs_on
 from qsframework.diagnoses.remaining import NamedEffect, open_alternative, remaining_signal
 from qsframework.estimation.noise import Independent, grouped
 from qsframework.estimation.visit_noise import RHOS, Reml, VisitNoise, reml
@@ -19,7 +19,6 @@ from qsframework.hypotheses.catalogue.causes import REACH, find_causes
 from qsframework.hypotheses.catalogue.generic_laws import Motions, generic_blocks, motions
 from qsframework.hypotheses.catalogue.law import Law
 from qsframework.hypotheses.columns import Case, Subspace, plan_case
-from qsframework.hypotheses.search.alternatives import alternative_set
 from qsframework.hypotheses.search.evidence import TAUS, evidence
 from qsframework.hypotheses.search.family_test import FamilyBlock, chance, family_test, log_p_values
 from qsframework.hypotheses.search.model_selection import blocks_of

@@ -43,6 +43,7 @@ def test_every_command_runs(root: Path, tmp_path: Path, monkeypatch: pytest.Monk
         "compensate",
         "import",
         "diagnose",
+        "diagnose",
         "identify",
         "certificate",
     ]

@@ -317,7 +317,9 @@ def generic_blocks(moved: Motions) -> Iterator[Block]:
             effect = _learned(moved, law, moved.scale(place.coordinates), place)
             if effect is not None:
                 yield Block(law, effect, keep(partial(moved.spring_columns, place, effect)))
-    force = _largest_force(moved)
+    # N, of the load in any state.
+    loaded = [s.context.poses.wrench[:, :3] for s in moved.stands if s.context.loaded]
+    force = max((float(np.linalg.norm(f, axis=1).max(initial=0.0)) for f in loaded), default=0.0)
     laws = [(law, force, _seen) for law in _of_readings(moved, force)]
     if force > 0.0:
         laws += [(Law("load", "tool", (by,)), force, _pulled) for by in ("force", "direction", "order")]
@@ -415,12 +417,6 @@ def _of_readings(moved: Motions, force: float) -> Iterator[Law]:
     for marker in moved.marker_names if len(moved.marker_names) > 1 else ():
         for by in (*((state, f) for state in on for f in ("order", "attitude", *angles)), ("loaded",), *alone):
             yield Law("marker", marker, by)
-
-
-def _largest_force(moved: Motions) -> float:
-    """N, of the load in any state."""
-    loaded = [s.context.poses.wrench[:, :3] for s in moved.stands if s.context.loaded]
-    return max((float(np.linalg.norm(f, axis=1).max(initial=0.0)) for f in loaded), default=0.0)
 
 
 def _learned(moved: Motions, law: Law, scale: float, place: BlockPlace | None = None) -> Any:
