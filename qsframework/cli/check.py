@@ -133,21 +133,24 @@ def _of_robot(robot: Robot) -> tuple[Line, ...]:
 
 def experiment_lines(experiment: Experiment, readings: Readings) -> list[Line]:
     """What the readings say of themselves, and what is wrong with them."""
-    from qsframework.fits import identify
+    from qsframework.fits.findings import findings_of
+    from qsframework.fits.identify import fit_readings
     from qsframework.screening import FILES, STAND_OUT, find_mistakes
     from qsframework.screening.closure import check_states
 
     lines: list[Line] = [(c.good, c.kind, c.words) for c in check_states(experiment, readings)]
     lines += [(None, "reads", said) for said in readings.about_reads]
-    told = [c for c in find_mistakes(experiment, readings) if c.told and c.file != FILES]
+    mistakes = find_mistakes(experiment, readings)
+    told = [c for c in mistakes if c.told and c.file != FILES]
     lines += [(None if c.name in STAND_OUT or not c.stops else False, c.title, c.words) for c in told]
     try:
-        fit = identify(experiment, readings)
+        fit = fit_readings(experiment, readings)
     except QsfError as error:
         return [*lines, (False, "fit", str(error))]
     named = {c.name for c in told}
     lines += [(None, "noise", said) for said in fit.about_noise]
-    return lines + [(False, f.title, f.words) for f in fit.account.findings if f.name not in named and f.place != FILES]
+    findings = (f for f in findings_of(fit, mistakes) if f.name not in named and f.place != FILES)
+    return lines + [(False, f.title, f.words) for f in findings]
 
 
 _MARK = {True: " ", False: "!", None: "?"}

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from qsframework.estimation.tails import chi2_sf
-from qsframework.experiment import Experiment, Readings
 from qsframework.experiment.finding import Finding
 from qsframework.fits.estimate import EstimateState
 from qsframework.fits.record import SIGNIFICANT, FitRecord
-from qsframework.screening import FILES, STAND_OUT, find_mistakes
+from qsframework.screening import FILES, STAND_OUT, Mistake
 
 TOO_SMALL, TOO_LARGE = 1.0 / 3.0, 3.0
 """Times the stated noise: a tracker's own statement of its noise is no further off."""
@@ -22,13 +21,13 @@ _CARRIES = 0.5
 _IDENTIFIED = (EstimateState.FINE, EstimateState.OUTSIDE_PRIOR, EstimateState.FIXED)
 
 
-def findings_of(fit: FitRecord, experiment: Experiment, readings: Readings) -> tuple[Finding, ...]:
-    """What is wrong with a fit's readings (R rows, as it used them), with the robot's files, and with its own size
-    where no mistake of the whole table explains it.
+def findings_of(fit: FitRecord, mistakes: Sequence[Mistake]) -> tuple[Finding, ...]:
+    """What is wrong with a fit's readings and with the robot's files (`mistakes`), and with its own size where no
+    mistake of the whole table explains it.
 
     Rows that the options say are right (`keep_all`) are no finding. Nor are single rows that stand out: noise can.
     """
-    mistakes = [one for one in find_mistakes(experiment, readings) if one.told and one.name not in STAND_OUT]
+    mistakes = [one for one in mistakes if one.told and one.name not in STAND_OUT]
     table = [one.finding for one in mistakes if not (fit.options.keep_all and one.mask is not None)]
     whole = any(one.mask is None and one.file != FILES for one in mistakes)
     return tuple(table) if whole else (*table, *_of_noise(fit), *_of_estimates(fit))

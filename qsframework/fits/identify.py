@@ -96,11 +96,11 @@ def identify(
     """
     experiment = experiment if fit is None else experiment.with_(fit=tuple(fit))
     found = fit_readings(experiment, readings, options)
-    findings = findings_of(found, experiment, found.used(readings))
+    findings = findings_of(found, find_mistakes(experiment, found.used(readings)))
     return replace(found, account=replace(found.account, findings=findings))
 
 
-def fit_readings(experiment: Experiment, readings: Readings, options: FitOptions) -> Fit:
+def fit_readings(experiment: Experiment, readings: Readings, options: FitOptions = PLAIN) -> Fit:
     """The same without a look at what is wrong with the readings or the files."""
     twice = () if options.keep_all else tuple(doubled(readings))
     readings = masked(readings, [one.mask for one in twice])

@@ -23,6 +23,7 @@ from qsframework.fits.identify import fit_readings
 from qsframework.fits.record import FitRecord
 from qsframework.plugin import Array, Parameter
 from qsframework.robot import Robot
+from qsframework.screening import find_mistakes
 
 _ROUNDING = 1e-9
 _CORRELATION = 1e-6
@@ -245,9 +246,8 @@ def _explains(fit: FitRecord, experiment: Experiment, readings: Readings) -> Ite
         if not _same_covariance(one, other):
             yield f"its {what} is not the one that its readings give"
             break
-    if {(f.name, f.rows) for f in fit.account.findings} != {
-        (f.name, f.rows) for f in findings_of(fit, campaign, readings)
-    }:
+    found = findings_of(fit, find_mistakes(campaign, readings))
+    if {(f.name, f.rows) for f in fit.account.findings} != {(f.name, f.rows) for f in found}:
         yield "what was found wrong in its readings and files is not what is found there now"
     if not fit.masked and not _alike(fit.held_out_error, again.held_out_error):
         given, own = (f"{1e3 * error:.4g} mm" for error in (again.held_out_error, fit.held_out_error))
