@@ -11,9 +11,11 @@ from functools import cache, cached_property
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin
 
+import qsframework
+
 LIST = Path(__file__).parent / "public_api.txt"
 PACKAGES: dict[str, tuple[str, ...]] = {
-    "qsframework": (),
+    "qsframework": tuple(dir(qsframework)),
     "qsframework.errors": (),
     "qsframework.plugin": (),
     "qsframework.robot": (),

@@ -147,10 +147,9 @@ def experiment_lines(experiment: Experiment, readings: Readings) -> list[Line]:
         fit = fit_readings(experiment, readings)
     except QsfError as error:
         return [*lines, (False, "fit", str(error))]
-    named = {c.name for c in told}
+    named = {c.name for c in mistakes}
     lines += [(None, "noise", said) for said in fit.about_noise]
-    findings = (f for f in findings_of(fit, mistakes) if f.name not in named and f.place != FILES)
-    return lines + [(False, f.title, f.words) for f in findings]
+    return lines + [(False, f.title, f.words) for f in findings_of(fit, mistakes) if f.name not in named]
 
 
 _MARK = {True: " ", False: "!", None: "?"}

@@ -194,9 +194,6 @@ def write_plan(path: str | Path, plan: Plan, experiment: Experiment) -> None:
         plan: the plan.
         experiment: its campaign.
 
-    Returns:
-        InputError: where the file cannot be written.
-
     Raises:
         InputError: where it cannot be written.
     """

@@ -148,9 +148,6 @@ def write_readings(path: str | Path, readings: Readings, experiment: Experiment)
         readings: the readings.
         experiment: their campaign.
 
-    Returns:
-        InputError: where the file cannot be written.
-
     Raises:
         InputError: where it cannot be written.
     """

@@ -105,7 +105,7 @@ def test_the_examples_of_the_api_page_run(api_page: list[str], tmp_path: Path, m
 def test_every_function_of_the_front_door_has_its_example(root: Path, api_page: list[str]) -> None:
     """Directly under its name, where its module's page has one; a class and a module are used somewhere."""
     page = (root / "docs" / "api.md").read_text()
-    for name in (n for n in qsf.__all__ if inspect.isfunction(getattr(qsf, n))):
+    for name in (n for n in dir(qsf) if inspect.isfunction(getattr(qsf, n))):
         found = getattr(qsf, name)
         assert any(f"qsf.{name}(" in block for block in api_page), name
         shown = re.search(rf"^::: \S+\.{found.__name__}\n\n```python\n(.*?)^```", page, re.M | re.S)
