@@ -136,8 +136,8 @@ def replace_between(page: Path, start: str, end: str, text: str) -> None:
 
 
 def shelved(text: str, name: str, goals: bool = True) -> str:
-    """A record with its tables as files docs/records/NAME*.csv beside the page: here stay the words, of the goals unless
-    goals is False those that are missed, and links to the files."""
+    """A record with its tables as files docs/records/NAME*.csv beside the page: here stay the words, unless goals is
+    False the goals that are missed, and links to the files."""
     title, links, kept = "", list[tuple[str, str, str]](), list[str]()
     for block in text.split("\n\n"):
         lines = block.splitlines()

@@ -280,7 +280,11 @@ def cells(row: Row) -> tuple[str, str, str]:
     """How a row begins: a key that is required is bold, a text or a number with a unit needs no type."""
     plain = row.kind == KINDS["number" if row.unit else "text"]
     required = row.default == REQUIRED
-    return f"**`{row.key}`**" if required else f"`{row.key}`", "" if plain else row.kind, "" if required else row.default
+    return (
+        f"**`{row.key}`**" if required else f"`{row.key}`",
+        "" if plain else row.kind,
+        "" if required else row.default,
+    )
 
 
 def _table(rows: Sequence[tuple[Row, str]]) -> str:

@@ -186,8 +186,8 @@ def tables_3_and_4() -> str:
     return f"""### Tables 3 and 4: step one
 
 The sd of five aggregated compliances, urad/(N m), from six planar poses under a vertical force, sigma / F = 1 um/N
-({table("table-3", head, three)}). The sd grows as 1 / |cos q2|. How far the middle angle may be off: {table("table-4", ["loss", *head[1:]], four)}. The paper's last column repeats
-Table 2.
+({table("table-3", head, three)}). The sd grows as 1 / |cos q2|. How far the middle angle may be
+off: {table("table-4", ["loss", *head[1:]], four)}. The paper's last column repeats Table 2.
 
 ![sd of joint 2's compliances against the middle angle](images/paper-8a.svg)
 

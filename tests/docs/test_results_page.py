@@ -71,8 +71,9 @@ def test_the_ranges_are_those_of_the_records(page: str) -> None:
     for k, stage in enumerate(("uncorrected", "identified", "extended")):
         base, tool = (arms[row][k].split()[0] for row in ("base", "tool"))
         assert re.search(rf"\| {stage} \| {base}[ ,].*? \| {tool} \|", page)
+    robots = ("fanuc_r2000ic", "ur10", "heavy arm")
     for start, said in (("design", "{0} to {1} mm,"), ("best", "ones {0} to {1},"), ("free", "free {0} to {1},")):
-        real = [column("mixed-plans-by-plan", arm, start)[0].split()[-1] for arm in ("fanuc_r2000ic", "ur10", "heavy arm")]
+        real = [column("mixed-plans-by-plan", arm, start)[0].split()[-1] for arm in robots]
         assert said.format(min(real), max(real)) in page
 
 
