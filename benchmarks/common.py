@@ -136,9 +136,9 @@ def replace_between(page: Path, start: str, end: str, text: str) -> None:
 
 
 def shelved(text: str, name: str, goals: bool = True) -> str:
-    """A record with its tables as files docs/records/NAME*.csv beside the page: here stay the words, the rows that have
-    a goal unless goals is False, and links to the files."""
-    title, links, kept = "", list[str](), list[str]()
+    """A record with its tables as files docs/records/NAME*.csv beside the page: here stay the words, unless goals is
+    False the goals that are missed, and links to the files."""
+    title, links, kept = "", list[tuple[str, str, str]](), list[str]()
     for block in text.split("\n\n"):
         lines = block.splitlines()
         if lines and lines[0].startswith("#"):
@@ -147,21 +147,30 @@ def shelved(text: str, name: str, goals: bool = True) -> str:
             rows = [line[2:-2].split(" | ") for line in lines if not line.startswith("|---")]
             if goals and "goal" in rows[0]:
                 kept.append(_of_goals(rows))
-            links.append(f"[{title or name.split()[-1]}, by {rows[0][0]}]({_shelf(rows, name, title)})")
+            links.append((title or name.split()[-1], rows[0][0], _shelf(rows, name, title)))
         else:
             kept.append(block)
-    return "\n\n".join([*kept, *([f"Raw tables: {'; '.join(links)}."] if links else [])])
+    titles = [title for title, _, _ in links]
+    named = [f"[{t if titles.count(t) == 1 else f'{t}, by {by}'}]({file})" for t, by, file in links]
+    return "\n\n".join([*kept, *([f"Raw tables: {'; '.join(named)}."] if named else [])])
+
+
+MET = "goal met"
 
 
 def _of_goals(rows: Sequence[Sequence[str]]) -> str:
-    """The rows that have a goal, without how many cases they count; of a whole and its parts the whole."""
+    """The rows that have a goal, without how many cases they count; of a whole and its parts the whole. Where a column
+    says whether goals are met: how many are, and the rows of the others."""
     shown = [k for k, name in enumerate(rows[0]) if name != "cases"]
     goal = rows[0].index("goal")
     names = {row[0] for row in rows}
     kept = [
         row for row in rows[1:] if row[goal].strip("- ") and (_whole(row[0]) == row[0] or _whole(row[0]) not in names)
     ]
-    return table([rows[0][k] for k in shown], ([row[k] for k in shown] for row in kept))
+    missed = [row for row in kept if MET not in rows[0] or row[rows[0].index(MET)] != "yes"]
+    said = [] if MET not in rows[0] else [f"{len(kept) - len(missed)} of {len(kept)} goals are met."]
+    found = table([rows[0][k] for k in shown], ([row[k] for k in shown] for row in missed))
+    return "\n\n".join([*said, *([found] if missed else [])])
 
 
 def _whole(name: str) -> str:

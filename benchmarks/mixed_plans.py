@@ -24,7 +24,7 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
 import numpy as np
-from common import PAGE, replace_between, table
+from common import PAGE, replace_between, shelved, table
 from heavy_arm import at_levels, rms, write_experiment, write_robot
 
 from qsframework.elastostatics import equilibrium
@@ -194,7 +194,7 @@ def main() -> None:
     text = table(("plan", *robots), list(cells(robots, a.arms)))
     print(text)
     if a.write:
-        replace_between(PAGE, START, STOP, text)
+        replace_between(PAGE, START, STOP, shelved(text, "mixed plans", False))
 
 
 if __name__ == "__main__":

@@ -280,7 +280,7 @@ def main() -> None:
         parts.append(one)
     text = "\n\n".join(parts)
     if a.write and not a.quick:
-        replace_between(PAGE, START, STOP, shelved(text, "stated noise"))
+        replace_between(PAGE, START, STOP, shelved(text, "stated noise", False))
 
 
 if __name__ == "__main__":

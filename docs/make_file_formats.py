@@ -150,7 +150,7 @@ def _model(model: type[FileModel | FileRecord]) -> list[Row]:
 def _field(name: str, info: FieldInfo, mark: Unit | None, record: bool) -> Row:
     offered = [] if mark is None else [mark.si] if record else _offered(mark.si)
     key = f"{mark.stem}_{offered[0]}" if mark else name
-    default = REQUIRED if info.is_required() else _default(info, offered)
+    default = _default(info, offered) if not info.is_required() else "" if record else REQUIRED
     return Row(name, key, _kind(info.annotation), ", ".join(offered), default)
 
 
@@ -273,14 +273,26 @@ def _by(again: Sequence[tuple[Row, str]], told: dict[tuple[Row, str], str]) -> l
     return [(where, [p for p in again if told[p] == where]) for where in dict.fromkeys(told[p] for p in again)]
 
 
-HEAD = ("key", "type", "unit", "default", "meaning")
+HEAD = ("key", "type", "default", "meaning")
+
+
+def cells(row: Row) -> tuple[str, str, str]:
+    """How a row begins: a key that is required is bold, a text or a number with a unit needs no type."""
+    plain = row.kind == KINDS["number" if row.unit else "text"]
+    required = row.default == REQUIRED
+    return (
+        f"**`{row.key}`**" if required else f"`{row.key}`",
+        "" if plain else row.kind,
+        "" if required else row.default,
+    )
 
 
 def _table(rows: Sequence[tuple[Row, str]]) -> str:
     """A line for each key, or for several that differ by their name alone; columns that say something somewhere."""
     alike = dict[tuple[str, ...], list[str]]()
     for row, words in rows:
-        alike.setdefault((row.kind, row.unit, row.default, words), []).append(f"`{row.key}`")
+        key, *rest = cells(row)
+        alike.setdefault((*rest, words), []).append(key)
     lines = [(", ".join(named), *same) for same, named in alike.items()]
     shown = [k for k in range(len(HEAD)) if any(line[k] for line in lines)]
     picked = [[line[k] for k in shown] for line in (HEAD, ("---",) * len(HEAD), *lines)]

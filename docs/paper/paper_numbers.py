@@ -57,8 +57,6 @@ TABLE_2_BEST = {"A": ("47", "14.3"), "D": ("50", "2.11"), "O3": ("47", "8.2")}
 """Table 2, row min: the middle angle, deg, and the criterion, the columns exchanged back."""
 TABLE_2_VALUE = {"A": ("15.7", "17.1", "21.4"), "D": ("2.32", "2.53", "3.16"), "O3": ("9.0", "9.8", "16.3")}
 """Table 2: the criterion at a loss of 10, 20 and 50 %."""
-O3_LAST_ROW = 16.3
-"""Table 2, O3 at a loss of 50 %."""
 TABLE_3 = (
     (88.0, (0.66, 1.22, 2.00, 0.48, 0.45)),
     (67.0, (0.66, 1.22, 1.54, 0.47, 0.47)),

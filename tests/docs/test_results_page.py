@@ -28,21 +28,27 @@ def test_every_record_is_linked_and_every_link_a_record(root: Path) -> None:
 
 
 def test_the_summary_is_that_of_the_records(page: str) -> None:
-    named, alarms, place = (
+    named, small, alarms, second, place, slips = (
         column(table, "measured", start)[0]
         for table, start in (
             ("diagnosis-results-by-metric", "named right, s = 8"),
+            ("diagnosis-results-by-metric", "detected, s = 4.5"),
             ("diagnosis-results-by-metric", "false alarms, nominal"),
+            ("diagnosis-second-generator-by-metric", "library effects, s = 10: named"),
             ("diagnosis-unknown-kinds-untouched-kinds-by-metric", "untouched kinds: place right"),
+            ("diagnosis-mistakes-by-metric", "mistakes"),
         )
     )
     assert f"{named} identified" in page
     assert f"{alarms} of campaigns" in page
-    assert f"| {float(place.split()[0]):.0f} %, goal 95 % |" in page
+    assert f"detected? | {small} | 85 %: missed |" in page
+    assert f"| {second} named, or in the set |" in page
+    assert f"| {float(place.split()[0]):.0f} %; of a later set 85 % | 95 %: missed |" in page
+    assert f"mistakes in the table named? | {slips} |" in page
     made = ("identify the R-2000iC", "design: 12 poses", "diagnose 60 poses", "check")
     units = [column("performance-commands-by-command", "units", start)[0] for start in made]
     seconds = [float(column("performance-commands-by-command", "CPU s", start)[0]) for start in made]
-    assert f"| {seconds[1]:.1f}, {seconds[0]:.1f} and {seconds[2]:.1f} s of CPU, reports included |" in page
+    assert f"| {seconds[1]:.1f}, {seconds[0]:.1f} and {seconds[2]:.1f} s of CPU |" in page
     assert f"| {', '.join(units[:3])} units | 2.4, 4.5, 9: missed |" in page
     assert f"| {units[3]} units | 1.5: missed |" in page
 
@@ -53,6 +59,22 @@ def test_coverages_are_those_of_the_record(page: str) -> None:
     assert re.findall(r"(\d\d\.\d)(?= %|,? and| %)", said) == cover
     holding = [float(c) for c in cover if float(c) > 90.0]
     assert f"{min(holding)} to {max(holding)} % on average" in page
+
+
+def test_the_ranges_are_those_of_the_records(page: str) -> None:
+    ratio = column("stated-noise-predicted-by-robot", "predicted over fit")
+    cover = column("stated-noise-coverage-by-noise", "measured")
+    assert f"are {min(ratio)} to {max(ratio)} of those of the fit" in page
+    assert f"hold the spring in {min(cover).split()[0]} to {max(cover)} (goal" in page
+    assert f"said in {' and '.join(column('stated-noise-nothing-hidden-by-noise', 'something said'))} of 100" in page
+    arms = {row: column("heavy-arm-by-geometry-off-by-stage", f"{row}, mm (worse)", "1, ") for row in ("base", "tool")}
+    for k, stage in enumerate(("uncorrected", "identified", "extended")):
+        base, tool = (arms[row][k].split()[0] for row in ("base", "tool"))
+        assert re.search(rf"\| {stage} \| {base}[ ,].*? \| {tool} \|", page)
+    robots = ("fanuc_r2000ic", "ur10", "heavy arm")
+    for start, said in (("design", "{0} to {1} mm,"), ("best", "ones {0} to {1},"), ("free", "free {0} to {1},")):
+        real = [column("mixed-plans-by-plan", arm, start)[0].split()[-1] for arm in robots]
+        assert said.format(min(real), max(real)) in page
 
 
 @pytest.mark.parametrize(
