@@ -43,12 +43,8 @@ def test_every_key_has_its_type_its_default_and_its_meaning(root: Path) -> None:
             key, *rest = formats.cells(row)
             expected = [key if row.default == formats.REQUIRED else "", *rest, keys[title, row.name]]
             assert row.key in elsewhere or shown[row.key] == expected
-    assert cells(page.split("\n## robot.yaml\n")[1].split("\n## ")[0])["payload_kg"] == [
-        "",
-        "",
-        "",
-        "mass that the wrist may carry",
-    ]
+    robot = cells(page.split("\n## robot.yaml\n")[1].split("\n## ")[0])
+    assert robot["payload_kg"] == ["", "", "", "mass that the wrist may carry"]
     station = cells(page.split("\n## experiment.yaml, stations\n")[1].split("\n## ")[0])
     assert station["clearance_mm"][:3] == ["", "", "5"]
     assert station["xyz_mm"][:3] == ["**`xyz_mm`**", "numbers", ""]
