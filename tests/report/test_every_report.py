@@ -287,6 +287,19 @@ def test_every_trace_is_seen(reports: Reports, chromium: Browser, name: str) -> 
         chromium.media()
 
 
+@browser
+@pytest.mark.parametrize("name", PAGES)
+def test_no_label_is_cut_or_over_another(reports: Reports, chromium: Browser, name: str) -> None:
+    """In no plot, at the widths of a desk, a tablet and a telephone, also in what was folded."""
+    chromium.size(1400, 1500)
+    chromium.go(without_scenes(reports, name), _DRAWN)
+    chromium.run(_OPENED)
+    for width in (1400, 820, 390):
+        chromium.size(width, 1500)
+        chromium.until(f"innerWidth === {width} && {_DRAWN} && {_FITTED}")
+        assert chromium.run(_OVER) == [], width
+
+
 def without_scenes(reports: Reports, name: str) -> str:
     """Where a copy of a report is that has its plots alone."""
     page = reports.folder / f"{name}_plots.html"
@@ -295,8 +308,19 @@ def without_scenes(reports: Reports, name: str) -> str:
 
 
 _OPENED = "document.querySelectorAll('#unfold').forEach(b => b.click())"
+_OVER = """[...document.querySelectorAll(".js-plotly-plot")].filter(d => d.checkVisibility()).flatMap(d => {
+  const level = t => (/rotate\\((-?[\\d.]+)/.exec(t.getAttribute("transform")) || [0, 0])[1] % 90 == 0;
+  const texts = [...d.querySelectorAll("svg text")].filter(t => t.textContent.trim() && t.getClientRects().length
+    && t.checkVisibility({opacityProperty: true, visibilityProperty: true}) && level(t)
+    && !t.closest(".hoverlayer, .modebar-container")).map(t => [t.textContent, t.getBoundingClientRect()]);
+  const inner = (p, q) => Math.min(p.right, q.right) - Math.max(p.left, q.left) > 3
+    && Math.min(p.bottom, q.bottom) - Math.max(p.top, q.top) > 4;
+  const box = d.getBoundingClientRect(), cut = ([, p]) => p.left < box.left - 2 || p.right > box.right + 2
+    || p.top < box.top - 2 || p.bottom > box.bottom + 2;
+  return [...texts.filter(cut).map(([a]) => a + " is cut"), ...texts.flatMap(([a, p], i) =>
+    texts.slice(i + 1).filter(([, q]) => inner(p, q)).map(([b]) => a + " over " + b))]; })"""
 _SMALL = """[...document.querySelectorAll("body *")].filter(e => e.getClientRects().length && !e.closest("script")
-  && [...e.childNodes].some(n => n.nodeType === 3 && n.data.trim()) && parseFloat(getComputedStyle(e).fontSize) < 9
+  && [...e.childNodes].some(n => n.nodeType === 3 && n.data.trim()) && parseFloat(getComputedStyle(e).fontSize) < 10
   ).map(e => e.textContent.slice(0, 40))"""
 _UNNAMED = """[...document.querySelectorAll("main svg")].filter(s => s.getClientRects().length
   && !s.closest("[aria-hidden=true]") && !s.getAttribute("aria-label")).map(s => s.outerHTML.slice(0, 80))"""

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+from heavy_tables import loaded
 from independent import Campaign, Setting, noisy, write_campaign
 from independent_arm import ARMS, Hidden
 
@@ -23,21 +23,6 @@ from qsframework.hypotheses.linearized import at_solution
 from qsframework.plugin import Array
 from qsframework.report.words.headline import headline
 from qsframework.screening import adopted, find_mistakes
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    root = tmp_path_factory.mktemp("more")
-    for kind in ("displacements", "positions"):
-        campaign = Campaign(Setting(ARMS["heavy"], 24, 3, kind, fit="springs", loads="many"))
-        write_campaign(campaign, noisy(campaign, campaign.clean(Hidden())), root / kind)
-    return root
-
-
-@cache
-def loaded(path: Path) -> tuple[Experiment, Readings]:
-    experiment = load_experiment(path / "experiment.yaml")
-    return experiment, read_readings(experiment.data, experiment)
 
 
 def shown(experiment: Experiment, readings: Readings, pendant: Array) -> Readings:

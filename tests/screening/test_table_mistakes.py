@@ -3,37 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+from heavy_tables import loaded
 from independent import Campaign, Mount, Setting, add_mounts, forces, noisy, write_campaign
 from independent_arm import ARMS, Hidden
 from independent_effects import SHOWN, hide
 
 from qsframework.cli.check import check_files
 from qsframework.diagnoses import diagnose
-from qsframework.experiment import Experiment, LoadCase, Readings, load_experiment, read_readings
+from qsframework.experiment import Experiment, LoadCase, Readings
 from qsframework.plugin import Array
 from qsframework.report.result_json import diagnosis_json
 from qsframework.screening import Mistake, adopted, find_mistakes
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """24 poses of the heavy arm by the second generator, displacements and positions."""
-    root = tmp_path_factory.mktemp("table")
-    for kind in ("displacements", "positions"):
-        campaign = Campaign(Setting(ARMS["heavy"], 24, 3, kind, fit="springs", loads="many"))
-        write_campaign(campaign, noisy(campaign, campaign.clean(Hidden())), root / kind)
-    return root
-
-
-@cache
-def loaded(path: Path) -> tuple[Experiment, Readings]:
-    experiment = load_experiment(path / "experiment.yaml")
-    return experiment, read_readings(experiment.data, experiment)
 
 
 def found(experiment: Experiment, readings: Readings) -> tuple[Mistake, ...]:
