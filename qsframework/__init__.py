@@ -17,9 +17,9 @@ from qsframework.viewed import MAKERS, View
 _SHORT = {"extend": "write_extended", "show": "show_scene", "stiffness": "stiffness_at"}
 """Verbs that have a longer name in their modules."""
 
-_named, _, _names = attach_stub(__name__, __file__)
-_names = sorted({*_names, *_SHORT, "__version__"} - {*_SHORT.values()})
-__all__ = list(filter(str.islower, _names))
+_named, _, __all__ = attach_stub(__name__, __file__)
+_names = sorted({*__all__, *_SHORT, "__version__"} - {*_SHORT.values()})
+__all__[:] = filter(str.islower, _names)
 """The verbs, which `help(qsframework)` shows; records and errors have a page of help each."""
 
 
