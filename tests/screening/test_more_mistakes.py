@@ -11,13 +11,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from heavy_tables import loaded
-from independent import Campaign, Setting, noisy, write_campaign
-from independent_arm import ARMS, Hidden
+from clean_tables import loaded, write_clean
+from independent import Campaign, Setting
+from independent_arm import ARMS
 
 from qsframework.diagnoses import diagnose
 from qsframework.errors import NotConverged
-from qsframework.experiment import Experiment, Readings, load_experiment, read_readings
+from qsframework.experiment import Experiment, Readings, read_readings
 from qsframework.fits import identify
 from qsframework.hypotheses.linearized import at_solution
 from qsframework.plugin import Array
@@ -83,11 +83,10 @@ def test_rounded_angles_hide_every_cause(folder: Path, step: float, said: str) -
 
 def test_whole_degrees_that_the_robot_was_sent_to_are_no_mistake(tmp_path: Path) -> None:
     """Poses are commanded in whole degrees, and the readings fit."""
-    campaign = Campaign(Setting(ARMS["heavy"], 24, 3, "positions", fit="springs", loads="many"))
-    whole = np.deg2rad(np.round(np.rad2deg(campaign.visits[1].shown[::2])))
-    campaign = Campaign(replace(campaign.setting, plan=whole[:24]))
-    experiment = load_experiment(write_campaign(campaign, noisy(campaign, campaign.clean(Hidden())), tmp_path))
-    assert adopted(find_mistakes(experiment, read_readings(experiment.data, experiment))) == ()
+    setting = Setting(ARMS["heavy"], 24, 3, "positions", fit="springs", loads="many")
+    whole = np.deg2rad(np.round(np.rad2deg(Campaign(setting).visits[1].shown[::2])))
+    write_clean(replace(setting, plan=whole[:24]), tmp_path)
+    assert adopted(find_mistakes(*loaded(tmp_path))) == ()
 
 
 CHANGED: dict[str, tuple[str, Callable[[Array], Array]]] = {

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+from clean_tables import loaded, write_clean
 from independent import Campaign, Setting, noisy, write_campaign
 from independent_arm import ARMS, Hidden
 from independent_effects import campaign_for
 
 from qsframework.diagnoses import diagnose
-from qsframework.experiment import Experiment, Readings, load_experiment, read_readings
 from qsframework.hypotheses.catalogue.runs import run_of_rows
 from qsframework.hypotheses.linearized import linearized
 from qsframework.plugin import Array
@@ -29,15 +28,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """16 poses of two arms with three markers, by the second generator."""
     root = tmp_path_factory.mktemp("runs")
     for name in ("heavy", "small"):
-        campaign = Campaign(Setting(ARMS[name], 16, 3, fit="springs", loads="many"))
-        write_campaign(campaign, noisy(campaign, campaign.clean(Hidden())), root / name)
+        write_clean(Setting(ARMS[name], 16, 3, fit="springs", loads="many"), root / name)
     return root
-
-
-@cache
-def loaded(path: Path) -> tuple[Experiment, Readings]:
-    experiment = load_experiment(path / "experiment.yaml")
-    return experiment, read_readings(experiment.data, experiment)
 
 
 def scaled(factor: float) -> Change:
@@ -104,8 +96,7 @@ def test_right_tables_and_hidden_effects_hold_no_run(folder: Path, tmp_path: Pat
 
 def test_a_pose_read_twice_is_not_all_others_in_another_unit(tmp_path: Path) -> None:
     """What makes nearly all readings smaller leaves little of any misfit, wherever that is."""
-    campaign = Campaign(Setting(ARMS["seven"], 40, 0, "displacements", loads="two"))
-    write_campaign(campaign, noisy(campaign, campaign.clean(Hidden())), tmp_path)
+    write_clean(Setting(ARMS["seven"], 40, 0, "displacements", loads="two"), tmp_path)
     experiment, readings = loaded(tmp_path)
     for pose in (2, 18, 33, 36):
         here, before = slice(3 * pose, 3 * pose + 3), slice(3 * pose - 3, 3 * pose)
@@ -118,8 +109,7 @@ def test_a_pose_read_twice_is_not_all_others_in_another_unit(tmp_path: Path) -> 
 
 def test_rows_of_several_files_are_told_with_their_file(tmp_path: Path) -> None:
     """A line number alone is of either file."""
-    campaign = Campaign(Setting(ARMS["small"], 12, 0, "mixed", loads="two"))
-    write_campaign(campaign, noisy(campaign, campaign.clean(Hidden())), tmp_path)
+    write_clean(Setting(ARMS["small"], 12, 0, "mixed", loads="two"), tmp_path)
     experiment, readings = loaded(tmp_path)
     row = int(np.flatnonzero(readings.is_position)[0])
     marker = readings.marker.copy()

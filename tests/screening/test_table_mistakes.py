@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from heavy_tables import loaded
+from clean_tables import loaded, write_clean
 from independent import Campaign, Mount, Setting, add_mounts, forces, noisy, write_campaign
-from independent_arm import ARMS, Hidden
+from independent_arm import ARMS
 from independent_effects import SHOWN, hide
 
 from qsframework.cli.check import check_files
@@ -218,11 +218,11 @@ def test_a_load_far_over_the_payload(folder: Path) -> None:
 def test_what_stands_still_and_moves_is_no_other_unit(first: int, tmp_path: Path) -> None:
     """A base that gives, which no fitted parameter explains: readings a thousand times smaller would fit, as would
     none. In the unit of a logger, the markers that do move tell it."""
-    campaign = Campaign(Setting(ARMS["heavy"], 24, 3, fit="springs", loads="many"))
-    path = write_campaign(campaign, noisy(campaign, campaign.clean(Hidden())), tmp_path / "given")
+    setting = Setting(ARMS["heavy"], 24, 3, fit="springs", loads="many")
+    path = write_clean(setting, tmp_path / "given")
     rng = np.random.default_rng(0)
     moved = np.array([0.0, 0.0, -4e-4]) + 3e-5 * rng.standard_normal((24 - first, 1, 3))
-    add_mounts(path, campaign, [Mount("bar", "base", (0, (0.9, 0.0, 0.0)))], moved, first)
+    add_mounts(path, Campaign(setting), [Mount("bar", "base", (0, (0.9, 0.0, 0.0)))], moved, first)
     experiment, readings = loaded(path.parent)
     assert not [m for m in found(experiment, readings) if m.name.startswith(("block", "value"))]
     metres = readings.value.copy()
@@ -238,8 +238,7 @@ def test_a_run_under_another_load_of_the_experiment_is_named_with_it(tmp_path: P
     pull = forces(setting)[np.arange(24) % 6]
     side = pull[0] + np.array([0.0, 0.7 * np.linalg.norm(pull[0]), 0.0])
     pull[20:] = side
-    campaign = Campaign(replace(setting, pull=pull))
-    write_campaign(campaign, noisy(campaign, campaign.clean(Hidden())), tmp_path)
+    write_clean(replace(setting, pull=pull), tmp_path)
     experiment, readings = loaded(tmp_path)
     late = np.array([int(p[1:]) > 20 for p in readings.states.pose]) & readings.states.loaded
     said = np.where(late[:, None], readings.poses.wrench[readings.states.loaded][0], readings.poses.wrench)
