@@ -29,6 +29,7 @@ from qsframework.estimation import rms
 from qsframework.experiment import Experiment, Readings, make_rows
 from qsframework.experiment.account import account_of
 from qsframework.experiment.before import errors_before
+from qsframework.fits.findings import noise_findings
 from qsframework.fits.pose_spread import check_pose_spread
 from qsframework.hypotheses.exact_refit import SettledFit
 from qsframework.hypotheses.search.cross_validation import HeldOut
@@ -124,7 +125,9 @@ def _told(
     after = misfit(base.experiment, base.readings, base.rows, extended)
     # Of the baseline, with the names that it leaves open, and what is wrong with the readings.
     account = account_of(base.experiment, base.rows, base.fit.names)
-    wrong = tuple(m.finding for m in mistakes if m.told)
+    errors, sigma = _errors(base, extended, held, given, audit), rms(base.start.sigma[base.rows.mask])
+    noise = noise_findings(sigma, audit.unit, (errors.nominal, errors.heldout_extended)) if audit.stated else ()
+    wrong = (*(m.finding for m in mistakes if m.told), *noise)
     return Diagnosis(
         account=replace(account, causes=tuple(f.name for f in findings if not f.doubtful), findings=wrong),
         experiment=base.experiment,
@@ -138,7 +141,7 @@ def _told(
         places=ranked_places(remaining, findings, race),
         before=misfit(base.experiment, base.readings, base.rows, base.fit),
         after=after,
-        rms=_errors(base, extended, held, given, audit),
+        rms=errors,
         kept=base.rows.keep,
         outliers=np.setdiff1d(base.given.keep, base.rows.keep),
         baseline=base.fit,

@@ -30,25 +30,30 @@ def findings_of(fit: FitRecord, mistakes: Sequence[Mistake]) -> tuple[Finding, .
     mistakes = [one for one in mistakes if one.told and one.name not in STAND_OUT]
     table = [one.finding for one in mistakes if not (fit.options.keep_all and one.mask is not None)]
     whole = any(one.mask is None and one.file != FILES for one in mistakes)
-    return tuple(table) if whole else (*table, *_of_noise(fit), *_of_estimates(fit))
+    return tuple(table) if whole else (*table, *_of_fit(fit), *_of_estimates(fit))
 
 
-def _of_noise(fit: FitRecord) -> Iterator[Finding]:
-    """A stated noise that no instrument has, or that the residuals contradict."""
+def _of_fit(fit: FitRecord) -> Iterator[Finding]:
+    if fit.sigma_source != "estimated" and fit.dof > 0:
+        refuted = fit.agrees is False or chi2_sf(fit.chi2, fit.dof) > 1.0 - SIGNIFICANT
+        ratio = float(np.sqrt(fit.chi2 / fit.dof)) if refuted else 1.0
+        yield from noise_findings(fit.sigma, ratio, (fit.held_out_nominal, fit.held_out_error))
+
+
+def noise_findings(sigma: float, ratio: float, held_out: tuple[float, float]) -> Iterator[Finding]:
+    """A stated noise, m, that no instrument has, or that the residuals contradict, which are `ratio` times it, 1 where
+    they agree with it; held_out: the errors of the nominal arm and of the fit there, m."""
     mend = "State the noise of the instrument (noise: sigma_mm in the experiment), or write noise: estimate."
-    if fit.sigma_source == "estimated" or fit.dof <= 0:
-        return
-    stated = f"the stated noise of a coordinate, {1e3 * fit.sigma:.3g} mm,"
-    if not _INSTRUMENTS[0] <= fit.sigma <= _INSTRUMENTS[1]:
+    stated = f"the stated noise of a coordinate, {1e3 * sigma:.3g} mm,"
+    if not _INSTRUMENTS[0] <= sigma <= _INSTRUMENTS[1]:
         low, high = (1e3 * size for size in _INSTRUMENTS)
         yield Finding("noise", f"{stated} is not that of an instrument ({low:g} to {high:g} mm)", mend, "noise")
-    ratio = float(np.sqrt(fit.chi2 / fit.dof))
-    if ratio < TOO_SMALL and chi2_sf(fit.chi2, fit.dof) > 1.0 - SIGNIFICANT:
+    if ratio < TOO_SMALL:
         words = f"the residuals are {ratio:.2g} times {stated.rstrip(',')}"
         yield Finding(
             "small_residuals", words, f"{mend} Look for copied rows, and at the units of the columns.", "noise"
         )
-    if ratio > TOO_LARGE and fit.agrees is False and not fit.held_out_error < _CARRIES * fit.held_out_nominal:
+    if ratio > TOO_LARGE and not held_out[1] < _CARRIES * held_out[0]:
         words = f"the residuals are {ratio:.1f} times {stated} and held-out poses are not predicted"
         yield Finding(
             "large_residuals", words, "Look at the axes, units and signs of the table, and at the loads.", "readings"

@@ -13,11 +13,13 @@ import pytest
 from typer.testing import CliRunner
 
 from qsframework.cli.app import app
+from qsframework.diagnoses import diagnose
 from qsframework.errors import InputError
 from qsframework.estimation import FitOptions
-from qsframework.experiment import Experiment, example, load_experiment, make_plan, read_readings, simulate
+from qsframework.experiment import Experiment, Readings, example, load_experiment, make_plan, read_readings, simulate
 from qsframework.fits import identify, read_fit, validate, write_fit
 from qsframework.fits.soundness import check_fit
+from qsframework.report.words.headline import headline
 from tests.applications.test_compensate import angles, posed
 
 LOAD = np.array([0.0, 1500.0, -4000.0, 0.0, 0.0, 0.0])
@@ -173,13 +175,24 @@ def test_a_fit_file_keeps_them(folder: Path, tmp_path: Path) -> None:
 def test_a_stated_noise_that_the_residuals_contradict(
     m900ib: Experiment, stated_mm: float, names: set[str], tmp_path: Path
 ) -> None:
-    made = simulate(m900ib, make_plan(posed(m900ib, angles(14, 3), LOAD), ["a"] * 14), seed=2).readings
-    text = re.sub(r"sigma_mm: [\d.e-]+", f"sigma_mm: {stated_mm}", m900ib.path.read_text())
-    (tmp_path / "experiment.yaml").write_text(text)
-    other = load_experiment(tmp_path / "experiment.yaml")
-    sigma = np.full(made.sigma.shape, 1e-3 * stated_mm)
-    fit = identify(other, replace(made, sigma=sigma, stated=True))
+    fit = identify(*stated(m900ib, stated_mm, tmp_path))
     assert {f.name for f in fit.account.findings if not f.rows} == names
+
+
+@pytest.mark.parametrize(
+    ("stated_mm", "first"), [(0.2, "Look first at the small residuals: "), (3e-4, "Look first at the noise: ")]
+)
+def test_a_diagnosis_begins_with_such_a_noise(m900ib: Experiment, stated_mm: float, first: str, tmp_path: Path) -> None:
+    assert headline(diagnose(*stated(m900ib, stated_mm, tmp_path), repeats=1)).startswith(first)
+
+
+def stated(experiment: Experiment, sigma_mm: float, folder: Path) -> tuple[Experiment, Readings]:
+    """A campaign of 14 poses with another noise stated than it has."""
+    made = simulate(experiment, make_plan(posed(experiment, angles(14, 3), LOAD), ["a"] * 14), seed=2).readings
+    text = re.sub(r"sigma_mm: [\d.e-]+", f"sigma_mm: {sigma_mm}", experiment.path.read_text())
+    (folder / "experiment.yaml").write_text(text)
+    sigma = np.full(made.sigma.shape, 1e-3 * sigma_mm)
+    return load_experiment(folder / "experiment.yaml"), replace(made, sigma=sigma, stated=True)
 
 
 def test_a_balancer_that_cannot_be_is_found(tmp_path: Path) -> None:

@@ -19,8 +19,9 @@ _WORST = 3
 
 
 def headline(found: Diagnosis) -> str:
-    """The verdict in one sentence, after what no fit can prove of the readings."""
-    ahead = [f"Look first at the {c.title}: {c.words}. " for c in found.conventions if c.suspected]
+    """The verdict in one sentence, after what is wrong with readings and files and was not corrected."""
+    corrected = {c.name for c in found.conventions if not c.suspected}
+    ahead = [f"Look first at the {f.title}: {f.words}. " for f in found.account.findings if f.name not in corrected]
     return "".join([*ahead, _verdict(found)])
 
 
