@@ -140,6 +140,7 @@ def experiment_lines(experiment: Experiment, readings: Readings) -> list[Line]:
 
     lines: list[Line] = [(c.good, c.kind, c.words) for c in check_states(experiment, readings)]
     lines += [(None, "reads", said) for said in readings.about_reads]
+    lines += [(None, "still", said) for said in readings.about_still(experiment.robot.facts.driven)]
     mistakes = find_mistakes(experiment, readings)
     told = [c for c in mistakes if c.told and c.file != FILES]
     lines += [(None if c.name in STAND_OUT or not c.stops else False, c.title, c.words) for c in told]

@@ -6,6 +6,7 @@ marker: what the instrument says at one state, less what it says at another or n
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -14,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from qsframework.errors import Problem
+from qsframework.errors import Problem, some_of
 from qsframework.experiment.frames import Frame
 from qsframework.files import sha256
 from qsframework.plugin import Array, Conditions, Indices, Poses
@@ -49,6 +50,11 @@ class States:
 
     def __len__(self) -> int:
         return len(self.pose)
+
+
+def moving(pendant: Array) -> npt.NDArray[np.bool_]:
+    """Whether each pendant value (n,) differs between poses (N, n)."""
+    return np.ptp(pendant, axis=0) > _STILL
 
 
 @dataclass(frozen=True)
@@ -141,7 +147,7 @@ class Readings(Viewed):
     @cached_property
     def moves(self) -> npt.NDArray[np.bool_]:
         """Whether each pendant value (n,) differs between used readings: of one that never does nothing can be said."""
-        return np.ptp(self.poses.pendant[self.plus[self.use]], axis=0) > _STILL
+        return moving(self.poses.pendant[self.plus[self.use]])
 
     @cached_property
     def hashes(self) -> tuple[str, ...]:
@@ -183,6 +189,16 @@ class Readings(Viewed):
             f"{self.unnumbered} rows are further reads of a visit: one after the other, at the same angles and load. "
             "The mean of each visit counts; where the arm was moved between them, number the visits in a column "
             "`repeat` or `visit`.",
+        )
+
+    def about_still(self, driven: Sequence[str]) -> tuple[str, ...]:
+        """What those of the driven joints hide that never move."""
+        still = [joint for joint, moves in zip(driven, self.moves, strict=True) if not moves]
+        if not still:
+            return ()
+        return (
+            f"{some_of(still)} {'stands' if len(still) == 1 else 'stand'} still in all readings: nothing is said of "
+            "the sign, the unit, the zero and the coupling of what the controller shows there.",
         )
 
     @property

@@ -398,7 +398,7 @@ def _fit_of(experiment: Experiment, found: Found, options: FitOptions) -> Fit:
     estimates = _estimates(found, solution, frames, x, np.sqrt(covariance.diagonal()), unit)
     left = tuple(e for e in found.left if e.name in model.names)
     beyond = (f"{note}." for note in rows.range_notes(model, x))
-    notes = (*notes, *_advice(rows, model, left, estimates), *beyond, *_still(readings, model.facts.driven))
+    notes = (*notes, *_advice(rows, model, left, estimates), *beyond, *readings.about_still(model.facts.driven))
     left_out = rows.spread(noise.colour(fit.held_out_errors(rows.together)))
     lost = (np.isnan(left_out) & np.isfinite(rows.measured)).any(axis=1)
     return Fit(
@@ -452,16 +452,6 @@ def _by_axis(rows: ReadingRows, fit: LinearFit, solution: Solution, covariance: 
     pull = np.nan_to_num(rows.spread(size * solution.jacobian @ covariance))
     more = np.einsum("rip,rij,rjq->pq", pull, found.factor - np.eye(3), pull, optimize=True)
     return covariance + more, (f"{axis_words(found)}; the uncertainties allow for it.",)
-
-
-def _still(readings: Readings, driven: Sequence[str]) -> Iterator[str]:
-    """What joints that never move hide."""
-    still = [joint for joint, moves in zip(driven, readings.moves, strict=True) if not moves]
-    if still:
-        yield (
-            f"{some_of(still)} {'stands' if len(still) == 1 else 'stand'} still in all readings: nothing is said of "
-            "the sign, the unit, the zero and the coupling of what the controller shows there."
-        )
 
 
 def _advice(

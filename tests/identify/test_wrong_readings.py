@@ -16,7 +16,16 @@ from qsframework.cli.app import app
 from qsframework.diagnoses import diagnose
 from qsframework.errors import InputError
 from qsframework.estimation import FitOptions
-from qsframework.experiment import Experiment, Readings, example, load_experiment, make_plan, read_readings, simulate
+from qsframework.experiment import (
+    Experiment,
+    Readings,
+    example,
+    load_experiment,
+    make_plan,
+    read_readings,
+    simulate,
+    write_readings,
+)
 from qsframework.fits import identify, read_fit, validate, write_fit
 from qsframework.fits.soundness import check_fit
 from qsframework.report.words.headline import headline
@@ -234,3 +243,19 @@ def test_nothing_is_found_in_the_shipped_examples(r2000ic: Experiment) -> None:
         fit = identify(experiment, read_readings(experiment.data, experiment, "positions"))
         assert fit.account.findings == (), name
         assert validate(experiment, read_readings(experiment.data, experiment, "positions"), fit).seen
+
+
+@pytest.mark.parametrize("verb", ["check", "identify", "diagnose"])
+def test_of_joints_that_stand_still_nothing_is_said_but_what_they_hide(
+    m900ib: Experiment, verb: str, tmp_path: Path
+) -> None:
+    """How the controller shows a joint that never moves is no cause and no mistake; what that hides stands once."""
+    shutil.copy(m900ib.path, tmp_path / "experiment.yaml")
+    pendant = angles(14, 3)
+    pendant[:, 3:] = np.deg2rad([0.0, -60.0, 0.0])
+    plan = make_plan(posed(m900ib, pendant, LOAD), ["a"] * 14)
+    write_readings(tmp_path / "readings.csv", simulate(m900ib, plan, seed=2).readings, m900ib)
+    code, words = said(tmp_path, verb, "experiment.yaml", "readings.csv")
+    assert code == 0, words
+    assert words.count("joint_4, joint_5, joint_6 stand still in all readings") == 1
+    assert not re.search(r"(controller_coupling|joint_sign)\[joint_[456]", words)

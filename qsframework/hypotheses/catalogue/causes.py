@@ -11,6 +11,7 @@ import numpy as np
 from qsframework.elastostatics import Model, make_model
 from qsframework.experiment import Experiment
 from qsframework.experiment.observations import ReadingRows
+from qsframework.experiment.readings import moving
 from qsframework.plugin import (
     Conditions,
     Effect,
@@ -93,7 +94,8 @@ class Untested:
 def find_causes(
     experiment: Experiment, fitted: Sequence[str], seen: ReadingRows | Poses
 ) -> tuple[tuple[Cause, ...], tuple[Untested, ...]]:
-    """All causes beyond the fitted parameters, and those that need something that was not recorded.
+    """All causes beyond the fitted parameters, and those that need something that was not recorded; none of how a joint
+    is shown that stands still.
 
     seen: the rows of readings, or poses that are still to be measured
     """
@@ -111,7 +113,10 @@ def find_causes(
             untested.append(Untested(effect.name, missing))
         else:
             causes.append(Cause(effect.name, (effect,), given(effect, "parameters", facts), False))
-    return tuple(c for c in causes if c.parameters), tuple(untested)
+    moves = moving(seen.pendant) if isinstance(seen, Poses) else seen.readings.moves
+    still = {joint for joint, moved in zip(facts.driven, moves, strict=True) if not moved}
+    shown = [c.kind.role == "shown angle" and c.effects[0].where in still for c in causes]
+    return tuple(c for c, hidden in zip(causes, shown, strict=True) if c.parameters and not hidden), tuple(untested)
 
 
 def with_causes(experiment: Experiment, causes: Sequence[Cause], values: Mapping[str, float]) -> Experiment:

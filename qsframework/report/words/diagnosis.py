@@ -140,6 +140,7 @@ def _open(found: Diagnosis) -> Iterator[str]:
 def _readings(found: Diagnosis) -> Iterator[str]:
     """What the readings say of themselves."""
     yield from alignment_words([a for a in found.readings.alignments if a.turned or not a.count])
+    yield from found.readings.about_still(found.experiment.robot.facts.driven)
     if len(found.outliers):
         rows = (str(int(found.readings.line[i])) for i in found.outliers)
         yield f"Outliers, not used: rows {', '.join(rows)}."
