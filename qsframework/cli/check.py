@@ -133,8 +133,9 @@ def _of_robot(robot: Robot) -> tuple[Line, ...]:
 
 def experiment_lines(experiment: Experiment, readings: Readings) -> list[Line]:
     """What the readings say of themselves, and what is wrong with them."""
-    from qsframework.fits.findings import findings_of
+    from qsframework.fits.findings import TOO_LARGE, findings_of
     from qsframework.fits.identify import fit_readings
+    from qsframework.report.words.fit import verdict_words
     from qsframework.screening import FILES, STAND_OUT, find_mistakes
     from qsframework.screening.closure import check_states
 
@@ -150,7 +151,10 @@ def experiment_lines(experiment: Experiment, readings: Readings) -> list[Line]:
         return [*lines, (False, "fit", str(error))]
     named = {c.name for c in mistakes}
     lines += [(None, "noise", said) for said in fit.about_noise]
-    return lines + [(False, f.title, f.words) for f in findings_of(fit, mistakes) if f.name not in named]
+    found = [f for f in findings_of(fit, mistakes) if f.name not in named]
+    if fit.widening > TOO_LARGE**2 and not found:
+        lines.append((None, "residuals", verdict_words(fit)))
+    return lines + [(False, f.title, f.words) for f in found]
 
 
 _MARK = {True: " ", False: "!", None: "?"}

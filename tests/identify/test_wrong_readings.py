@@ -7,12 +7,14 @@ import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from qsframework.cli.app import app
+from qsframework.cli.check import experiment_lines
 from qsframework.diagnoses import diagnose
 from qsframework.errors import InputError
 from qsframework.estimation import FitOptions
@@ -195,9 +197,20 @@ def test_a_diagnosis_begins_with_such_a_noise(m900ib: Experiment, stated_mm: flo
     assert headline(diagnose(*stated(m900ib, stated_mm, tmp_path), repeats=1)).startswith(first)
 
 
-def stated(experiment: Experiment, sigma_mm: float, folder: Path) -> tuple[Experiment, Readings]:
+def test_check_notes_residuals_that_the_held_out_error_carries(m900ib: Experiment, tmp_path: Path) -> None:
+    """Of an arm whose tracker is better than the model nothing is to be mended: a note, and exit code 0."""
+    lines = experiment_lines(*stated(m900ib, 0.002, tmp_path, "drawn"))
+    assert not any(good is False for good, _, _ in lines)
+    (words,) = (words for good, kind, words in lines if kind == "residuals")
+    assert re.match(r"The residuals are 1\d\.\d times the stated noise", words)
+
+
+def stated(
+    experiment: Experiment, sigma_mm: float, folder: Path, truth: Literal["nominal", "drawn"] = "nominal"
+) -> tuple[Experiment, Readings]:
     """A campaign of 14 poses with another noise stated than it has."""
-    made = simulate(experiment, make_plan(posed(experiment, angles(14, 3), LOAD), ["a"] * 14), seed=2).readings
+    plan = make_plan(posed(experiment, angles(14, 3), LOAD), ["a"] * 14)
+    made = simulate(experiment, plan, truth=truth, seed=2).readings
     text = re.sub(r"sigma_mm: [\d.e-]+", f"sigma_mm: {sigma_mm}", experiment.path.read_text())
     (folder / "experiment.yaml").write_text(text)
     sigma = np.full(made.sigma.shape, 1e-3 * sigma_mm)
