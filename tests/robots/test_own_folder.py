@@ -39,7 +39,16 @@ def test_the_folder_beside_the_experiment_is_read(folder: Path) -> None:
     assert load_experiment(example("ur10") / "experiment.yaml").robot.title != "the cell's own arm"
 
 
-@pytest.mark.parametrize("words", [["check", "ur10"], ["check", "experiment.yaml"], ["identify", "experiment.yaml"]])
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["check", "ur10"],
+        ["check", "experiment.yaml"],
+        ["identify", "experiment.yaml"],
+        ["show", "experiment.yaml", "--html", "scene.html"],
+    ],
+    ids=" ".join,
+)
 def test_commands_say_which_they_read(folder: Path, words: list[str]) -> None:
     assert NOTE.format("ur10") in qsf(*words).replace(f"{folder}/", "")
 
