@@ -26,7 +26,6 @@ from qsframework.robot.urdf import Joint, Link, Origin, Urdf
 from qsframework.robot.xml_tree import XmlPlace
 
 _KINDS = {"a": "m", "alpha": "rad", "d": "m", "theta": "rad", "min": "rad", "max": "rad"}
-_NEEDED = ("a", "alpha", "d", "theta")
 _SHOWN = ("a_mm", "alpha_deg", "d_mm", "theta_deg")
 _OPTIONAL = ("joint", "min_deg", "max_deg")
 

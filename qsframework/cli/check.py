@@ -6,22 +6,22 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from qsframework.cli.commands import distinct_outputs, write_json
 from qsframework.cli.kinds import kind
 from qsframework.cli.printing import print_folded, print_table
 from qsframework.cli.progress import progress, steps
 from qsframework.errors import InputError, Problem, QsfError, all_of
-from qsframework.experiment import (
-    Experiment,
-    Readings,
-    load_experiment,
-    read_readings,
-)
+from qsframework.experiment import Experiment, Readings, load_experiment, read_readings
 from qsframework.robot import Robot, load_robot, robot_names
 from qsframework.robot.findings import robot_findings
 from qsframework.robot.search import shadows
 from qsframework.robot.statics import WEIGHTLESS, GravityCheck
+
+if TYPE_CHECKING:
+    from qsframework.fits import Fit
+    from qsframework.screening import Mistake
 
 _READ_BY = {
     "plan": "qsf simulate EXPERIMENT PLAN reads it, with its constraints.",
@@ -133,9 +133,7 @@ def _of_robot(robot: Robot) -> tuple[Line, ...]:
 
 def experiment_lines(experiment: Experiment, readings: Readings) -> list[Line]:
     """What the readings say of themselves, and what is wrong with them."""
-    from qsframework.fits.findings import TOO_LARGE, findings_of
     from qsframework.fits.identify import fit_readings
-    from qsframework.report.words.fit import verdict_words
     from qsframework.screening import FILES, STAND_OUT, find_mistakes
     from qsframework.screening.closure import check_states
 
@@ -149,12 +147,19 @@ def experiment_lines(experiment: Experiment, readings: Readings) -> list[Line]:
         fit = fit_readings(experiment, readings)
     except QsfError as error:
         return [*lines, (False, "fit", str(error))]
-    named = {c.name for c in mistakes}
-    lines += [(None, "noise", said) for said in fit.about_noise]
-    found = [f for f in findings_of(fit, mistakes) if f.name not in named]
-    if fit.widening > TOO_LARGE**2 and not found:
+    return [*lines, *_of_fit(fit, mistakes)]
+
+
+def _of_fit(fit: Fit, mistakes: Sequence[Mistake]) -> list[Line]:
+    """What the residuals say of the noise, and what is wrong beside mistakes in the table."""
+    from qsframework.fits.findings import TOO_LARGE, findings_of
+    from qsframework.report.words.fit import verdict_words
+
+    table, lines = {c.name for c in mistakes}, [(None, "noise", said) for said in fit.about_noise]
+    wrong = [(False, f.title, f.words) for f in findings_of(fit, mistakes) if f.name not in table]
+    if fit.widening > TOO_LARGE**2 and not wrong:
         lines.append((None, "residuals", verdict_words(fit)))
-    return lines + [(False, f.title, f.words) for f in found]
+    return [*lines, *wrong]
 
 
 _MARK = {True: " ", False: "!", None: "?"}

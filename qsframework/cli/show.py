@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from qsframework.cli.commands import distinct_outputs
+from qsframework.cli.commands import distinct_outputs, note_folders
 from qsframework.cli.numbers import numbers, point_of, wrench_of
 from qsframework.cli.stop import Stopped
 from qsframework.errors import InputError
@@ -17,7 +17,7 @@ from qsframework.files import write_text
 from qsframework.fits import FitRecord, read_fit
 from qsframework.fits.soundness import check_fit
 from qsframework.robot import load_robot, robot_names
-from qsframework.robot.search import find_robot, shadows
+from qsframework.robot.search import find_robot
 from qsframework.viz import Scene, SceneSite, serve, show_scene
 from qsframework.viz.subject import floating, measured, one_pose, robot_alone
 
@@ -78,8 +78,7 @@ def make_scene(shown: Shown, say: Callable[[str], object] = lambda note: None) -
         allowed = f"a number above 0, up to {_LARGEST_SCALE:g}; 1 shows deflections as they are"
         raise InputError(f"--scale {shown.scale:g}: allowed: {allowed}")
     experiment = _experiment(shown)
-    if words := shadows(experiment.robot.folder):
-        say(words)
+    note_folders(experiment.robot)
     pose = (
         None
         if shown.pose is None

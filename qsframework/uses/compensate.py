@@ -49,7 +49,6 @@ _STEPS = 15
 _CLOSE = 1e-10
 _LARGEST_CORRECTION = np.deg2rad(10.0)
 _SHARE = 1e-3
-_STEP = 1e-2
 _BLOCK = 64
 _BEYOND = 1.2
 """Times the largest measured load from which a target is said to lie beyond it."""

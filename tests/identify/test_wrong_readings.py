@@ -177,7 +177,7 @@ def test_a_fit_file_keeps_them(folder: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("stated_mm", "names"),
     [
-        (0.03, set()),
+        (0.03, set[str]()),
         (0.2, {"small_residuals"}),
         (30.0, {"noise", "small_residuals", "nothing_identified"}),
         (3e-4, {"noise", "large_residuals"}),
@@ -201,7 +201,7 @@ def test_check_notes_residuals_that_the_held_out_error_carries(m900ib: Experimen
     """Of an arm whose tracker is better than the model nothing is to be mended: a note, and exit code 0."""
     lines = experiment_lines(*stated(m900ib, 0.002, tmp_path, "drawn"))
     assert not any(good is False for good, _, _ in lines)
-    (words,) = (words for good, kind, words in lines if kind == "residuals")
+    (words,) = (words for _, kind, words in lines if kind == "residuals")
     assert re.match(r"The residuals are 1\d\.\d times the stated noise", words)
 
 

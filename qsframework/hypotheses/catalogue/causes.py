@@ -18,6 +18,7 @@ from qsframework.plugin import (
     InputError,
     Parameter,
     Poses,
+    RobotFacts,
     Spring,
     SpringLaw,
     registry,
@@ -113,10 +114,15 @@ def find_causes(
             untested.append(Untested(effect.name, missing))
         else:
             causes.append(Cause(effect.name, (effect,), given(effect, "parameters", facts), False))
+    return tuple(c for c in causes if c.parameters and not _of_still(c, facts, seen)), tuple(untested)
+
+
+def _of_still(cause: Cause, facts: RobotFacts, seen: ReadingRows | Poses) -> bool:
+    """Whether it is how a joint is shown that stands still."""
+    if cause.kind.role != "shown angle":
+        return False
     moves = moving(seen.pendant) if isinstance(seen, Poses) else seen.readings.moves
-    still = {joint for joint, moved in zip(facts.driven, moves, strict=True) if not moved}
-    shown = [c.kind.role == "shown angle" and c.effects[0].where in still for c in causes]
-    return tuple(c for c, hidden in zip(causes, shown, strict=True) if c.parameters and not hidden), tuple(untested)
+    return not moves[facts.driven.index(cause.effects[0].where)]
 
 
 def with_causes(experiment: Experiment, causes: Sequence[Cause], values: Mapping[str, float]) -> Experiment:
