@@ -247,7 +247,7 @@ def _explains(fit: FitRecord, experiment: Experiment, readings: Readings) -> Ite
             yield f"its {what} is not the one that its readings give"
             break
     found = findings_of(fit, find_mistakes(campaign, readings))
-    if {(f.name, f.rows) for f in fit.account.findings} != {(f.name, f.rows) for f in found}:
+    if {(f.name, f.rows, f.stops) for f in fit.account.findings} != {(f.name, f.rows, f.stops) for f in found}:
         yield "what was found wrong in its readings and files is not what is found there now"
     if not fit.masked and not _alike(fit.held_out_error, again.held_out_error):
         given, own = (f"{1e3 * error:.4g} mm" for error in (again.held_out_error, fit.held_out_error))

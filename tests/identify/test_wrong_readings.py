@@ -153,13 +153,14 @@ def test_an_impossible_balancer_stops_what_uses_the_fit(folder: Path, tmp_path: 
         assert (code, words in stopped, "look at stiffness 100 N/m" in stopped) == (2, True, True), verb
 
 
-def test_findings_edited_by_hand_are_refused(folder: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("stays", [False, True], ids=["taken out", "said to stop nothing"])
+def test_findings_edited_by_hand_are_refused(folder: Path, stays: bool, tmp_path: Path) -> None:
     """Without them the fit is not the one that its readings give."""
     for name in ("experiment.yaml", "readings.csv", "targets.csv"):
         shutil.copy(folder / name, tmp_path)
     stored = json.loads((folder / "fit.json").read_text())
-    assert stored["account"]["findings"]
-    stored["account"]["findings"] = []
+    (one,) = stored["account"]["findings"]
+    stored["account"]["findings"] = [one | {"stops": False}] if stays else []
     (tmp_path / "fit.json").write_text(json.dumps(stored))
     code, words = said(tmp_path, *STOPPED["compensate"])
     assert code == 2
