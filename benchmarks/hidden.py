@@ -279,7 +279,7 @@ def _fits(effect: Effect, facts: RobotFacts, springs: set[At]) -> bool:
 def _deviation(p: Parameter, present: bool) -> float:
     if present and p.nominal != 0.0:
         return p.sd or _SHARE * abs(p.nominal)
-    return p.sd or p.typical
+    return p.sd or (0.0 if p.null is None else p.typical)  # a length alone does nothing
 
 
 def compliances(model: Model, rng: np.random.Generator) -> Array:

@@ -39,12 +39,11 @@ class _Row:
     line: int
 
 
-def read_denavit(path: Path, modified: bool = False, bearing: float | None = None) -> Urdf:
+def read_denavit(path: Path, modified: bool = False) -> Urdf:
     """The arm of a table: links `base`, `link_1` .. `link_n`, `flange`; every joint turns about its z.
 
     Columns: a_mm, alpha_deg, d_mm, theta_deg, and if wished joint, min_deg, max_deg; other units of length and angle
     are read too. InputError with every wrong cell.
-    bearing: m along the first axis above the base at which the first joint's frame is put
     """
     lines = _lines(path)
     columns = _columns(path, *lines[0])
@@ -57,7 +56,9 @@ def read_denavit(path: Path, modified: bool = False, bearing: float | None = Non
         after = [along(2, row.values["d"], 0.0) @ b for row, b in zip(rows, between, strict=True)]
         steps = [before @ t for before, t in zip([np.eye(4), *after[:-1]], theta, strict=True)]
         end = after[-1]
-    steps = _slid([*steps, end], bearing, max(abs(row.values["d"]) for row in rows) > _LONG)
+    steps = [*steps, end]
+    if max(abs(row.values["d"]) for row in rows) > _LONG:
+        steps = _slid(steps)
     lengths = [float(np.linalg.norm(step[:3, 3])) for step in steps]
     refuse(list(_other_units(path, lines[0][0], columns, rows, max(lengths) > _LONG)))
     if max(lengths) > plausible.RANGES["m"].most:
@@ -74,22 +75,14 @@ def read_denavit(path: Path, modified: bool = False, bearing: float | None = Non
     return Urdf(path, links, (*joints, last), ())
 
 
-def _slid(steps: list[Array], bearing: float | None, far: bool) -> list[Array]:
-    """The placements of joints and flange, each in the one before, with frames slid along their joints' axes.
-
-    The first goes to the height of its bearing; of far frames, as nearly parallel axes have whose d cancel, each goes
-    to the point of its axis that is nearest to the frame before.
-    """
+def _slid(steps: list[Array]) -> list[Array]:
+    """The placements of joints and flange, each in the one before, with frames slid along their joints' axes to the
+    point that is nearest to the frame before: nearly parallel axes have far frames, whose d cancel."""
     frames = list(accumulate(steps, np.matmul))
     for k, frame in enumerate(frames[:-1]):
-        axis, before = frame[:3, 2], frames[k - 1][:3, 3] if k else np.zeros(3)
-        slide = (before - frame[:3, 3]) @ axis if far else 0.0
-        if k == 0 and bearing is not None:
-            slide = bearing - frame[:3, 3] @ axis
-        if slide:
-            frames[k] = frame @ along(2, slide, 0.0)
-    moved = zip([np.eye(4), *frames[:-1]], frames, strict=True)
-    return [np.linalg.solve(before, frame) for before, frame in moved] if far or bearing is not None else steps
+        before = frames[k - 1][:3, 3] if k else np.zeros(3)
+        frames[k] = frame @ along(2, (before - frame[:3, 3]) @ frame[:3, 2], 0.0)
+    return [np.linalg.solve(before, frame) for before, frame in zip([np.eye(4), *frames[:-1]], frames, strict=True)]
 
 
 def _joint(path: Path, row: _Row, parent: str, child: str, placement: Array, kind: str) -> Joint:

@@ -69,9 +69,10 @@ def new(
     file = Path(urdf or dh or "")
     if (urdf is None) == (dh is None):
         raise InputError(Problem("give a URDF or a table of Denavit and Hartenberg", argument=("urdf", "FILE")))
-    if (arm.modified or arm.bearing is not None) and dh is None:
-        asked = "has a first bearing to be placed" if arm.bearing is not None else "can be a modified one"
-        raise InputError(Problem(f"only a table of Denavit and Hartenberg {asked}", argument=("dh", "TABLE")))
+    if arm.modified and dh is None:
+        raise InputError(
+            Problem("only a table of Denavit and Hartenberg can be a modified one", argument=("dh", "TABLE"))
+        )
     if arm.bearing is not None and not abs(arm.bearing) <= RANGES["m"].most:
         message, argument = "no height of a bearing", ("bearing", "M")
         raise InputError(Problem(message, found=f"{arm.bearing:g} m", allowed="up to 100 m", argument=argument))
@@ -89,7 +90,7 @@ def new(
         raise InputError(missing)
     packages = {key: path.absolute() for key, path in arm.packages.items()}  # as seen from where the user stands
     sources = Sources(packages, arm.arguments, nearby=True)
-    description = file if dh is None else read_denavit(file, arm.modified, arm.bearing)
+    description = file if dh is None else read_denavit(file, arm.modified)
     flange = arm.flange or (None if dh is None else "flange")
     proposal = propose(name, description, arm.base, flange, sources, arm.payload, arm.bearing)
     checks: list[GravityCheck] = []

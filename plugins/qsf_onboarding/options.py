@@ -18,7 +18,7 @@ class Arm(Options):
     base: Annotated[str | None, Option("Fixed link (default: the root).")] = None
     flange: Annotated[str | None, Option("Link that carries the tool.")] = None
     payload: Annotated[float | None, Option("Its payload, kg, from the manual.")] = None
-    bearing: Annotated[float | None, Option("Height, m, of the first bearing, from the manual (of a table).")] = None
+    bearing: Annotated[float | None, Option("Height, m, of the first bearing, from the manual.")] = None
     packages: Annotated[Mapping[str, Path], Option("A package that it names.", name="package", form="NAME=FOLDER")] = (
         field(default_factory=dict[str, Path])
     )

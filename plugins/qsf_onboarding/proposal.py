@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -33,7 +33,7 @@ from qsf_onboarding.text import (
     robot_text,
 )
 from qsf_onboarding.unread import unread_of
-from qsf_onboarding.zeros import zero_notes
+from qsf_onboarding.zeros import first_bearing, zero_notes
 from qsframework.errors import InputError, refuse, some_of
 from qsframework.robot.checks import check_chain, check_structure, check_tree
 from qsframework.robot.model import plain_urdf
@@ -97,10 +97,12 @@ def propose(
     arm, meshes, unread = with_meshes(arm, sources)
     stiffness = [row for row in _stiffness(arm, every, reach, _WRIST[heavy]) if row[0] not in following]
     balancer = find_balancer(source, base, chain)
+    bearings, asked = first_bearing(chain, bearing)
     notes = (
         *_checklist(moving, payload, build, senses, balancer),
         *_size(every, far),
-        *(zero_notes(chain, bearing) if source.tree is None else ()),
+        *(zero_notes(chain) if source.tree is None else ()),
+        *asked,
         *_told_following(following, led),
         *_found(arm, every, moving, guessed, impossible, heavy),
         *unread,
@@ -114,7 +116,7 @@ def propose(
             source.path.name,
             base,
             flange,
-            _rows(moving, led),
+            _rows(moving, led, bearings),
             payload,
             following,
             loops_text(build, senses, moving, balancer),
@@ -190,15 +192,16 @@ def _stiffness(urdf: Urdf, moving: list[Joint], reach: float, wrist: Sequence[fl
     ]
 
 
-def _rows(moving: list[Joint], led: Sequence[TelescopicColumn]) -> list[ControllerRow]:
-    """The entries of `controller:`, in the unit in which people read each joint."""
+def _rows(moving: list[Joint], led: Sequence[TelescopicColumn], bearings: Mapping[str, float]) -> list[ControllerRow]:
+    """The entries of `controller:`, in the unit in which people read each joint; bearings: m along a joint's axis."""
     rows: list[ControllerRow] = []
     for k, joint in enumerate(moving, start=1):
         unit = SLIDES if slides(joint) else TURNS
         column = next((c for c in led if c.stage == joint.name), None)
         lower, upper = used_limits(joint if column is None else column.leader)
-        equals = "" if column is None else f"{column.multiplier:g} J{k}"
-        rows.append((joint.name, unit.shown, round(lower * unit.per, 3), round(upper * unit.per, 3), equals))
+        more = "" if column is None else f", equals: {column.multiplier:g} J{k}"
+        more += f", bearing_mm: {1e3 * bearings[joint.name]:.6g}" if joint.name in bearings else ""
+        rows.append((joint.name, unit.shown, round(lower * unit.per, 3), round(upper * unit.per, 3), more))
     return rows
 
 

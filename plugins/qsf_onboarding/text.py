@@ -11,7 +11,7 @@ from qsframework.robot.spec import PROPOSED, coupling_text, yaml_key
 from qsframework.robot.urdf import Joint, Mimic
 
 ControllerRow = tuple[str, str, float, float, str]
-"""Of `controller:`: joint, unit, lowest and highest value, and its `equals` ("" for none)."""
+"""Of `controller:`: joint, unit, lowest and highest value, and further keys ("" for none)."""
 NominalRow = tuple[str, bool, float, str]
 """Of nominal.yaml: joint, whether it slides, its assumed stiffness (N m/rad, N/m where it slides), and why that."""
 _PARALLELOGRAM = """  # A parallelogram? Then the driven joint follows the driver; lever_m: axis 3 to the bar's pivot;
@@ -65,8 +65,7 @@ def robot_text(
 ) -> str:
     """robot.yaml. following: the joints without an actuator; loops: lines on loops and balancers"""
     rows = "".join(
-        f"  {json.dumps(j)}: {{limits_{unit}: [{lo:g}, {hi:g}]{f', equals: {shown}' if shown else ''}}}\n"
-        for j, unit, lo, hi, shown in controller
+        f"  {json.dumps(j)}: {{limits_{unit}: [{lo:g}, {hi:g}]{more}}}\n" for j, unit, lo, hi, more in controller
     )
     return (
         f"name: {json.dumps(name)}\ntitle: {json.dumps(name)}\nurdf: {json.dumps(name + '.urdf')}\n"

@@ -25,6 +25,7 @@ from qsframework.plugin import (
 )
 from qsframework.plugin.facts import frozen
 from qsframework.plugin.loops import in_order, own_joints
+from qsframework.plugin.rotations import homogeneous
 from qsframework.robot.kinematics import Chain, Element
 
 
@@ -186,7 +187,9 @@ class _Builder:
                 here = self._add_placement(here)
             mine = [v for v in virtual if self.facts.link_index(v.link) == k + 1]
             on_link = [v for v in mine if v.link in self.facts.links]
-            here = self._add_virtual([v for v in on_link if v.side == "before"], here)
+            along = np.nan_to_num(self.facts.bearings[k]) * self.facts.axes[k]  # where its bearing tilts
+            tilting = [v for v in on_link if v.side == "before"]
+            here = self._add_virtual(tilting, here @ homogeneous(np.eye(3), along)) @ homogeneous(np.eye(3), -along)
             self.joint_elements.append(self._add(here, self.facts.axes[k], not self.facts.sliding[k]))
             here = self._add_virtual([v for v in on_link if v.side == "after"], np.eye(4))
             self._add_on_flange([v for v in mine if v.link not in self.facts.links])

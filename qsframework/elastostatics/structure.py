@@ -79,7 +79,8 @@ class Structure:
     @cached_property
     def moving(self) -> tuple[int, ...]:
         """Positions in x of the effects that move the commanded arm, or say which coordinates give."""
-        return self._positions(lambda e: isinstance(e, Geometry | Loop) or (isinstance(e, Spring) and mixes(e)))
+        moved = self._positions(lambda e: isinstance(e, Geometry | Loop) or (isinstance(e, Spring) and mixes(e)))
+        return tuple(i for i in moved if i not in self.compliance_rows)
 
     def _positions(self, wanted: Callable[[Effect], bool]) -> tuple[int, ...]:
         """Positions in x of the parameters of some effects."""

@@ -48,8 +48,8 @@ def priors_of(model: Model, readings: Readings | None = None) -> Priors:
 
 def springs_of(model: Model) -> set[str]:
     """Names of the springs of joints, links and balancers: what a campaign is there to tell."""
-    balancers = model.names_of(ParallelSpring)
-    return model.names_of(Spring) | {p.name for p in model.parameters if p.name in balancers and not p.by_name}
+    springs = model.names_of(Spring) | model.names_of(ParallelSpring)
+    return {p.name for p in model.parameters if p.name in springs and not p.by_name}
 
 
 def families(model: Model, names: Sequence[str]) -> dict[str, tuple[str, str]]:

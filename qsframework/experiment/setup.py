@@ -30,7 +30,7 @@ from qsframework.experiment.spec import ExperimentSpec, LoadCaseSpec
 from qsframework.experiment.stations import Station
 from qsframework.files import Document, read_yaml, validate
 from qsframework.files.documents import Key
-from qsframework.plugin import Array, Effect, Parameter, Poses, Spring
+from qsframework.plugin import Array, Effect, Parameter, Poses
 from qsframework.plugin.build import build_effects
 from qsframework.plugin.facts import frozen
 from qsframework.plugin.registry import registry, suggestion, with_role
@@ -190,8 +190,7 @@ class Experiment(Viewed):
     def spring_names(self) -> tuple[str, ...]:
         """Every compliance of the model."""
         model = self.model()
-        effects = zip(model.effects, model.slices, strict=True)
-        return tuple(n for e, part in effects if isinstance(e, Spring) for n in model.names[part])
+        return tuple(dict.fromkeys(model.names[i] for i in model.compliance_rows))
 
     def fit_parameters(self) -> tuple[Parameter, ...]:
         """The parameters of `fit_names`, with their nominal values."""
@@ -238,10 +237,10 @@ def expand_name(entry: str, model: Model) -> tuple[str, ...]:
     for effect, part in zip(model.effects, model.slices, strict=True):
         own = model.names[part]
         known += [effect.effect_name(), effect.name, *own]
-        if entry in (effect.effect_name(), effect.name):
-            names += [p.name for p in model.parameters[part] if not p.by_name]
-        elif entry in own:
+        if entry in own:
             names.append(entry)
+        elif entry in (effect.effect_name(), effect.name):
+            names += [p.name for p in model.parameters[part] if not p.by_name]
     if not names:
         allowed = [*dict.fromkeys(known), GEOMETRY]
         hint = _effect_to_add(entry, model) or suggestion(entry, allowed)

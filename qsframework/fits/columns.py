@@ -46,14 +46,19 @@ def share_of(e: Estimate, sd: float) -> float:
     return sd / abs(e.value) if e.initial and e.value and sd > 0.0 else math.nan
 
 
+def sd_of(fit: FitRecord, e: Estimate) -> float:
+    """The sd that stands beside an estimate: by the noise, the load and what was held at nominal."""
+    return fit.sd_total[fit.names.index(e.name)] + 0.0 * e.sd
+
+
 COLUMNS = [
     FitColumn(key="parameter", head="parameter", value=lambda _, e: e.name, brief=True),
-    FitColumn(key="value", head="value ± sd", value=lambda _, e: e.value, sd=lambda _, e: e.sd, unit=OWN, brief=True),
+    FitColumn(key="value", head="value ± sd", value=lambda _, e: e.value, sd=sd_of, unit=OWN, brief=True),
     FitColumn(key="sd", value=lambda _, e: e.sd, unit=OWN),
-    FitColumn(key="sd_total", value=lambda fit, e: fit.sd_total[fit.names.index(e.name)] + 0.0 * e.sd, unit=OWN),
+    FitColumn(key="sd_total", value=sd_of, unit=OWN),
     FitColumn(key="unit", head="unit", value=lambda _, e: e.unit, unit=OWN, brief=True),
     FitColumn(head="stiffness", value=lambda _, e: _stiffness(e), unit="stiffness"),
-    FitColumn(head="sd, %", value=lambda _, e: share_of(e, e.sd), unit="%", brief=True),
+    FitColumn(head="sd, %", value=lambda fit, e: share_of(e, sd_of(fit, e)), unit="%", brief=True),
     FitColumn(key="share", head="identified, %", value=lambda _, e: math.nan if e.share is None else e.share, unit="%"),
     FitColumn(key="limit", head="95 % limit", value=lambda _, e: e.limit, unit=OWN),
     FitColumn(key="initial", head="initial", value=lambda _, e: e.initial, unit=OWN, brief=True),

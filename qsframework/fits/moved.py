@@ -39,12 +39,14 @@ def same_readings(fit: FitRecord, before: FitRecord) -> bool:
 
 
 def moved(fit: FitRecord, before: FitRecord) -> tuple[ParameterChange, ...]:
-    """The parameters that both fits have, with the load's stated uncertainty in their sds.
+    """The parameters that both fits have, with the load's stated uncertainty in their sds; what both hold at nominal
+    is off by the same.
 
     The two are taken as independent; of fits to the same readings nothing is beyond.
     """
-    theirs = dict(zip(before.names, zip(before.values.tolist(), before.sd_total, strict=True), strict=True))
-    both = [(e, sd, *theirs[e.name]) for e, sd in zip(fit.estimates, fit.sd_total, strict=True) if e.name in theirs]
+    new, old = (np.sqrt(np.diag(one.whole_covariance)).tolist() for one in (fit, before))
+    theirs = dict(zip(before.names, zip(before.values.tolist(), old, strict=True), strict=True))
+    both = [(e, sd, *theirs[e.name]) for e, sd in zip(fit.estimates, new, strict=True) if e.name in theirs]
     apart = not same_readings(fit, before)
     limit = float(normal_isf(0.5 * _LEVEL / max(len(both), 1)))
     return tuple(
@@ -53,9 +55,9 @@ def moved(fit: FitRecord, before: FitRecord) -> tuple[ParameterChange, ...]:
             unit=e.unit,
             value=e.value,
             sd=sd,
-            before=old,
-            sd_before=sd_old,
-            beyond=apart and bool(abs(e.value - old) > limit * np.hypot(sd, sd_old) > 0.0),
+            before=was,
+            sd_before=sd_was,
+            beyond=apart and bool(abs(e.value - was) > limit * np.hypot(sd, sd_was) > 0.0),
         )
-        for e, sd, old, sd_old in both
+        for e, sd, was, sd_was in both
     )

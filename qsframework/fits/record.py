@@ -170,8 +170,8 @@ class FitRecord(FileRecord):
 
     @property
     def sd_total(self) -> tuple[float, ...]:
-        """sd of each estimate with the load's stated uncertainty; that of the noise alone where none is stated."""
-        return tuple(float(s) for s in np.sqrt(np.diag(self.whole_covariance)))
+        """sd of each estimate by the noise, the load's stated uncertainty and what was held at nominal."""
+        return tuple(float(s) for s in np.sqrt(np.diag(self.whole_covariance + self.held_covariance)))
 
     @property
     def correlation(self) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from functools import cached_property
@@ -103,6 +104,8 @@ class RobotFacts:
     limits      (n, 2) rad, m where a joint slides: all that the controller can command; None where nobody states them
     passive     names of joints that no actuator drives: they follow others by a loop
     branches    (b,) moving links beside the arm, parents first; loops determine their angles
+    bearings    (n,) m along each joint's axis from its frame to the point about which its bearing tilts, NaN where
+                nobody states it; nobody does where it is left out
     flange      name of the frame in which the load's point and, unless said, the markers are stated
     flange_placement (4, 4) that frame in the last link's; it is the last link's own where both are left out
     """
@@ -120,12 +123,15 @@ class RobotFacts:
     passive: tuple[str, ...] = ()
     branches: tuple[Branch, ...] = ()
     sliding: tuple[bool, ...] = ()
+    bearings: tuple[float, ...] = ()
     flange: str = ""
     flange_placement: Array = field(default_factory=lambda: frozen(np.eye(4)))
 
     def __post_init__(self) -> None:
         if not self.sliding:
             object.__setattr__(self, "sliding", (False,) * len(self.joints))
+        if not self.bearings:
+            object.__setattr__(self, "bearings", (math.nan,) * len(self.joints))
         if not self.flange:
             object.__setattr__(self, "flange", self.links[-1])
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from qsframework.estimation.tails import normal_isf
 from qsframework.experiment import Experiment, Readings
 from qsframework.fits import Estimate, Fit, FitRecord
+from qsframework.fits.columns import sd_of
 from qsframework.plugin import Array, Indices
 from qsframework.report.blocks import Block, Figure, Lines, Plot, ReportTable, SceneView, Text
 from qsframework.report.numbers import MATRIX, matrix_table, row_table
@@ -213,7 +215,8 @@ def _labels(fit: Fit, at: Indices) -> list[str]:
 def parameter_figure(fit: Fit, other: FitRecord | None = None) -> Figure:
     """Each estimate with its sd as its change from nominal: a panel for each kind of parameter and unit, each with its
     own axis, so that frames do not set the scale of springs; other: a fit to be shown beside this one."""
-    groups = grouped(((kind_of(e.name), _unit(e)), e) for e in fit.estimates if np.isfinite(e.value))
+    shown_with = (replace(e, sd=sd_of(fit, e)) for e in fit.estimates if np.isfinite(e.value))
+    groups = grouped(((kind_of(e.name), _unit(e)), e) for e in shown_with)
     groups = dict(sorted(groups.items(), key=lambda group: group[0][0].startswith("frame")))
     each = max(1, min(_ROW, _TALL // sum(max(len(group), 3) for group in groups.values())))
     tall = [each * max(len(group), 3) for group in groups.values()]
@@ -315,7 +318,7 @@ def _draw_group(figure: Plot, group: list[Estimate], row: int, other: FitRecord 
         hovertemplate="%{text}<extra></extra>",
         **panel,
     )
-    known = {} if other is None else dict(zip(other.names, zip(other.values, other.sd, strict=True), strict=True))
+    known = {} if other is None else dict(zip(other.names, zip(other.values, other.sd_total, strict=True), strict=True))
     both = [e for e in group if e.name in known]
     if both:
         sds = [_change(e, float(known[e.name][1])) for e in both]

@@ -10,7 +10,7 @@ from qsframework.errors import some_of
 from qsframework.experiment import Experiment, Readings, make_rows
 from qsframework.experiment.observations import values_before
 from qsframework.fits import Estimate, Fit, FitRecord, Masked
-from qsframework.fits.columns import COLUMNS, ERRORS, OWN, SUITED, FitColumn, share_of
+from qsframework.fits.columns import COLUMNS, ERRORS, OWN, SUITED, FitColumn, sd_of
 from qsframework.report.blocks import Block, ReportTable, SceneView, Section, Text
 from qsframework.report.error_maps import error_maps
 from qsframework.report.fit_plots import (
@@ -32,7 +32,7 @@ from qsframework.report.words.sizes import (
     unquoted,
 )
 
-_SAME = 1.005
+_SAME = 1.05
 """A total sd that is larger than that of the noise by less than this is not worth a word."""
 _MOST_PERCENT = 999.0
 
@@ -65,7 +65,7 @@ def _compared(truth: dict[str, float]) -> tuple[FitColumn, ...]:
         FitColumn(head="truth", value=lambda _, e: truth[e.name], unit=OWN, brief=True),
         FitColumn(
             head="error / sd",
-            value=lambda _, e: (e.value - truth[e.name]) / e.sd if e.sd > 0.0 else np.nan,
+            value=lambda fit, e: (e.value - truth[e.name]) / sd_of(fit, e) if e.sd > 0.0 else np.nan,
             brief=True,
         ),
     )
@@ -77,7 +77,7 @@ def _cell(column: FitColumn, fit: Fit, e: Estimate) -> str:
     if isinstance(value, str):
         return unit_shown(value) if column.unit == OWN else value
     if column.sd is not None:
-        return _value(e)
+        return _value(e, column.sd(fit, e))
     if value is None or np.isnan(value):
         return "-"
     if np.isinf(value):
@@ -131,26 +131,23 @@ def _masked(m: Masked) -> tuple[str, ...]:
     return (m.readings, m.kind, ", ".join(map(str, m.rows)), m.words)
 
 
-def _value(e: Estimate) -> str:
+def _value(e: Estimate, sd: float) -> str:
     """The value with its sd, in its table's unit."""
-    text = shown_with_sd(e.value, e.sd, e.unit)
-    return text if e.sd > 0.0 else f"{text} {unquoted(e.sd)}"
+    text = shown_with_sd(e.value, sd, e.unit)
+    return text if sd > 0.0 else f"{text} {unquoted(sd)}"
 
 
 def _total(fit: Fit) -> str:
-    """The sds with the load's uncertainty, where one is stated."""
-    if fit.total_covariance is None:
-        return ""
-    said = [
-        f"{e.name} {_percent(100 * share)}"
-        if np.isfinite(share := share_of(e, total))
-        else f"{e.name} {shown_number(total, e.unit, 2)} {unit_shown(e.unit)}"
-        for e, total in zip(fit.estimates, fit.sd_total, strict=True)
-        if e.sd > 0.0 and total > _SAME * e.sd
-    ]
-    if not said:
-        return "The load's stated uncertainty adds nothing that counts to these sds. "
-    return f"The sd above is that of the noise alone; with the load's stated uncertainty: {', '.join(said)}. "
+    """Which sds hold more than the noise of the readings, and by what; whether a stated load adds anything."""
+    parts = {h.name: (h.sd * h.moved) ** 2 for h in fit.held if h.sd >= 0.0}
+    if fit.total_covariance is not None:
+        parts |= {"the load": np.diag(fit.total_covariance - fit.covariance)}
+    more = [e for e in fit.estimates if e.sd > 0.0 and sd_of(fit, e) > _SAME * e.sd]
+    if not more:
+        return "The load's stated uncertainty adds nothing that counts to these sds. " if "the load" in parts else ""
+    said = [f"{e.name} ({sd_of(fit, e) / e.sd:.2g} times)" for e in more]
+    most = dict.fromkeys(max(parts, key=lambda name: parts[name][fit.names.index(e.name)]) for e in more)
+    return f"Larger than by the noise alone are the sds of {some_of(said)}, most by {some_of(list(most))}. "
 
 
 def error_tables(fit: Fit) -> tuple[ReportTable, ...]:

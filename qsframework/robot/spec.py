@@ -32,7 +32,8 @@ _WORDS = ("y", "n", "yes", "no", "on", "off", "true", "false", "null")
 
 class JointSpec(FileModel):
     """One joint of `controller:`: limits of what the pendant shows (`limits_mm` where the joint slides), the URDF's
-    value in what the pendant shows, the largest static torque of its actuator (`force_limit_N`), whether the controller
+    value in what the pendant shows, the largest static torque of its actuator (`force_limit_N`), how far along its axis
+    from its frame its bearing tilts, whether the controller
     counts it among its external axes (E1, ...), turns of the motor per turn of the joint, and counts of its encoder per
     turn of the motor, where the maker states them."""
 
@@ -41,6 +42,7 @@ class JointSpec(FileModel):
     equals: str | None = None
     torque_limit: Annotated[float | None, Unit("N m")] = Field(default=None, gt=0)
     force_limit: Annotated[float | None, Unit("N")] = Field(default=None, gt=0)
+    bearing: Annotated[float | None, Unit("m")] = None
     external: bool = False
     motor_ratio: float | None = None
     counts_per_turn: float | None = Field(default=None, gt=0)

@@ -101,13 +101,13 @@ def stiffness_at(
     model = make_model(robot.facts, robot.effects, robot.parameters, site, [("tip", site)], robot.gravity)
     check_asked(robot, pendant[None], wrench[None])
     poses = poses_at(robot, pendant[None], wrench[None])
-    if not spring_names(model):
+    if not model.compliance_rows:
         raise InputError(f"robot {robot.name} has no spring, so nothing gives: its effects list no compliance")
     unloaded, loaded = equilibrium(model, poses, loaded=False), equilibrium(model, poses)
     turn = loaded.tip_rotation[0] @ unloaded.tip_rotation[0].T
     rotation = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
     return Stiffness(
-        springs=tuple(model.parameters[i] for i in model.index(spring_names(model))),
+        springs=tuple(model.parameters[i] for i in model.compliance_rows),
         shares=spring_shares(model, poses)[0],
         linear=model.predict(poses, linear=True)[0, 0],
         full=(loaded.tip - unloaded.tip)[0],
@@ -146,13 +146,6 @@ def check_asked(robot: Robot, pendant: Array, wrench: Array) -> None:
         if (far := too_strong(load, robot.payload, float(np.linalg.norm(robot.gravity)))) is not None:
             allowed = f"{far.allowed} of {robot.name}"
             raise InputError(Problem("wrench: beyond any test of the arm", found=far.found, allowed=allowed))
-
-
-def spring_names(model: Model) -> tuple[str, ...]:
-    """Names of the elastic coordinates, in the order of the model's coordinates."""
-    from qsframework.plugin import Spring
-
-    return tuple(p.name for e in model.effects if isinstance(e, Spring) for p in e.parameters(model.facts))
 
 
 def spring_shares(model: Model, poses: Poses, x: Array | None = None) -> Array:

@@ -53,8 +53,9 @@ def quiet(seed: int) -> Diagnosis:
 
 
 def with_size(effect: Effect, size: float) -> tuple[tuple[Effect, ...], dict[str, float]]:
-    """The effect and its values, at so many times their typical sizes."""
-    return (effect,), {p.name: size * p.typical for p in effect.parameters(campaign().robot.facts)}
+    """The effect and its values, at so many times their typical sizes; what alone does nothing as it is."""
+    parameters = effect.parameters(campaign().robot.facts)
+    return (effect,), {p.name: size * p.typical for p in parameters if p.null is not None}
 
 
 HARDENING = with_size(find("joint_hardening")("joint_3"), 0.8)

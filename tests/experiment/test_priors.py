@@ -32,6 +32,7 @@ DECLARED: dict[str, dict[str, float]] = {
     "gravity_sag": {f"link_{k}_{axis}": 8.9153e-5 for k in range(2, 7) for axis in "xyz"},
     "joint_offset": {"": 1e-3},
     "joint_placement": PLACEMENT,
+    "offaxis_compliance": {"bearing": 0.336506},
     "parallelogram": {"": 1e-4},
 }
 """sds, SI, of an arm as delivered, by effect and the last part of a parameter's name; of all others none is declared.

@@ -12,11 +12,11 @@ from qsframework.plugin import find
 def test_nested_leave_one_out_reaches_0_16_mm(r2000ic: Experiment, real: Readings) -> None:
     facts = r2000ic.robot.facts
     springs = [s for name in ("offaxis_compliance", "flange_compliance") for s in find(name).places(facts)]
-    model = r2000ic.with_(
+    experiment = r2000ic.with_(
         effects=tuple(springs), parameters=tuple(p for s in springs for p in s.parameters(facts))
-    ).model()
-    names = [n for n in model.names if "compliance" in n]
-    A = model.sensitivity(real.poses, names=names, linear=True)[real.plus, real.marker]
+    )
+    names = experiment.spring_names()
+    A = experiment.model().sensitivity(real.poses, names=names, linear=True)[real.plus, real.marker]
     y = real.value
     base = [i for i, n in enumerate(names) if n.startswith("joint_")]
     extra = [i for i in range(len(names)) if i not in base]

@@ -149,12 +149,13 @@ def test_zeros_signs_and_the_first_bearing_of_a_table_are_asked(tmp_path: Path) 
     said = new(tmp_path, "--dh", str(tmp_path / "arm.csv"))
     assert "the flange stands at x 2825, y 0, z 990 mm of the base and its z points along +y" in said
     assert "anticlockwise: A1 +z, A2 +y, A3 +y, A4 -x; do the manual's arrows?" in said
-    assert "bearing: a tilt compliance of A1 acts 0 m up its axis" in said
+    assert "bearing: a tilt of A1 is taken about its frame, 0 m above the base" in said
     (tmp_path / "arm").rename(tmp_path / "floor")
     said = new(tmp_path, "--dh", str(tmp_path / "arm.csv"), "--bearing", "0.4")
     assert "bearing:" not in said
     robot, other = load_robot(tmp_path / "arm"), load_robot(tmp_path / "floor")
-    assert robot.facts.placements[0, 2, 3] == pytest.approx(0.4)
+    assert robot.facts.bearings[0] == pytest.approx(0.4)
+    assert np.isnan(other.facts.bearings).all()
     q = np.random.default_rng(0).uniform(-1, 1, (5, 4))
     np.testing.assert_allclose(reference_flange(robot, q), reference_flange(other, q), atol=1e-12)
 

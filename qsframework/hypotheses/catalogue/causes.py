@@ -98,6 +98,7 @@ def find_causes(
     """All causes beyond the fitted parameters, and those that need something that was not recorded; none of how a joint
     is shown that stands still.
 
+    A length of an effect that is not there yet, which no reading can show, stays as it is known.
     seen: the rows of readings, or poses that are still to be measured
     """
     facts, model = experiment.robot.facts, experiment.model()
@@ -113,7 +114,8 @@ def find_causes(
         if missing:
             untested.append(Untested(effect.name, missing))
         else:
-            causes.append(Cause(effect.name, (effect,), given(effect, "parameters", facts), False))
+            own = tuple(p for p in given(effect, "parameters", facts) if p.null is not None or p.nominal_sd is None)
+            causes.append(Cause(effect.name, (effect,), own, False))
     return tuple(c for c in causes if c.parameters and not _of_still(c, facts, seen)), tuple(untested)
 
 
