@@ -12,7 +12,7 @@ import numpy as np
 from qsframework.elastostatics import Model
 from qsframework.estimation import Solution, propagated
 from qsframework.experiment import ObservationModel
-from qsframework.experiment.prior import Priors, springs_of
+from qsframework.experiment.prior import Priors
 from qsframework.files import FileRecord, Lists, null
 from qsframework.plugin import Array
 
@@ -46,12 +46,11 @@ def held_at_nominal(
 
 def _sds(model: Model, priors: Priors, x: Array) -> list[float]:
     """sds (q,) of values at nominal, NaN where nothing is known: of springs that are not fitted, and of what is fitted
-    only by its own name, such as a balancer's pivots, too. Where nobody states how well a spring is known, it is to its
+    only by its own name, such as a balancer's pivots, too. A compliance of which nobody states an sd is known to its
     size."""
-    springs = springs_of(model)
-    sizes = [abs(p.nominal) if p.name in springs else 0.0 for p in model.parameters]
-    declared = np.array(
-        [p.sd or p.nominal_sd or size or math.nan for p, size in zip(model.parameters, sizes, strict=True)]
-    )
+    sizes = np.full(len(x), math.nan)
+    sizes[list(model.compliance_rows)] = np.abs(model.compliance(model.nominal))
+    stated = ((p, float(size)) for p, size in zip(model.parameters, sizes, strict=True))
+    declared = np.array([p.sd or p.nominal_sd or size or math.nan for p, size in stated])
     known = np.where(np.isfinite(priors.sd), priors.sd, declared)
     return np.where(x == model.nominal, known, math.nan).tolist()
