@@ -18,15 +18,15 @@ _HELD = 1 << 20
 """Bytes that are printed at the end; no command prints as many."""
 
 
-def _print(paragraphs: Sequence[str]) -> None:
+def _lines(paragraphs: Sequence[str]) -> str:
     """Lines as they are, but for what a terminal would obey."""
-    print("\n".join(printable(line) for lines in paragraphs for line in lines.split("\n")))
+    return "\n".join(printable(line) for lines in paragraphs for line in lines.split("\n"))
 
 
 def print_folded(*texts: str) -> None:
     """Paragraphs, one a line, each folded; the lines of an item, or of one that is set in, keep its edge."""
     for text in texts:
-        _print(paragraphs(text, width()))
+        print(_lines(paragraphs(text, width())))
 
 
 def print_notes(notes: Iterable[str]) -> None:
@@ -36,7 +36,7 @@ def print_notes(notes: Iterable[str]) -> None:
 
 def print_verdict(verdict: Verdict) -> None:
     """What the reader came for, first: the word and the sentence."""
-    said = "\n".join(printable(line) for line in paragraphs(f"{verdict.word}: {verdict.said}", width()))
+    said = _lines(paragraphs(f"{verdict.word}: {verdict.said}", width()))
     ink = {"good": "green", "look": "amber", "bad": "red"}[verdict.mark.value]
     print(coloured(verdict.word, ink, sys.stdout) + said.removeprefix(verdict.word) + "\n")
 
@@ -44,7 +44,7 @@ def print_verdict(verdict: Verdict) -> None:
 def print_line(lead: str, text: str) -> None:
     """A statement as an item of a list, with what it is about in front."""
     text = f"{lead}: {text}" if lead else text
-    _print([folded(f"  - {text}", width(), "    ")])
+    print(_lines([folded(f"  - {text}", width(), "    ")]))
 
 
 def print_table(header: Row, rows: Sequence[Row], title: str = "", caption: str = "", most: int | None = None) -> None:
@@ -56,7 +56,9 @@ def print_table(header: Row, rows: Sequence[Row], title: str = "", caption: str 
     if title:
         print(f"\n{title}")
     more = [] if most is None or len(rows) <= most else [f"and {len(rows) - most} more: --verbose, or --report"]
-    _print([*table_lines(header, rows[:most] if more else rows, width()), *more, *paragraphs(caption, width()), ""])
+    print(
+        _lines([*table_lines(header, rows[:most] if more else rows, width()), *more, *paragraphs(caption, width()), ""])
+    )
 
 
 @contextmanager

@@ -6,7 +6,8 @@ import re
 
 import pytest
 
-from qsframework.cli.printing import print_folded, print_table
+from qsframework.cli.printing import print_folded, print_table, print_verdict
+from qsframework.report.blocks import Mark, Verdict
 from qsframework.terminal import PIPE, folded, table_lines, width
 
 HEADER = ("parameter", "value ± sd", "unit", "sd, % of initial", "initial", "status")
@@ -68,6 +69,8 @@ def test_a_pipe_is_a_hundred_wide(monkeypatch: pytest.MonkeyPatch, capsys: pytes
     monkeypatch.setattr("sys.__stdout__", None)  # no terminal
     assert width() == PIPE == 100
     said = "- the way was not checked against joint_compliance[joint_1] " * 6
+    print_verdict(Verdict(Mark.GOOD, "Identified", said, ()))
+    assert "\ufffd" not in capsys.readouterr().out
     print_folded(said)
     print_table(HEADER, ROWS, "Title")
     lines = capsys.readouterr().out.splitlines()
