@@ -19,11 +19,16 @@ _STILL = 1e-9
 """Step, in natural sizes, that changes no reading."""
 
 
-def errors_before(experiment: Experiment, rows: ReadingRows, names: Sequence[str], linear: bool = False) -> Array:
+def errors_before(
+    experiment: Experiment, rows: ReadingRows, names: Sequence[str], linear: bool = False, used: Sequence[str] = ()
+) -> Array:
     """Errors (R, 3) m of the arm as it was before any of these readings was used, where `names` are estimated: in the
-    unknown frames, the nests and the tool that suit it best, since no guess of these is an error of the arm."""
+    unknown frames, the nests and the tool that suit it best, since no guess of these is an error of the arm.
+
+    used: hashes of readings beside them, which a fit that is judged has used
+    """
     model = experiment.model()
-    x = start_values(experiment, names, values_before(model, rows.readings))
+    x = start_values(experiment, names, values_before(model, {*rows.readings.hashes, *used}))
     # What is estimated of the instrument and of the nests, unless a diagnosis of readings has added it.
     own = model.names_of(Sensor) - {p.name for p in model.parameters if p.added}
     seen = _suited(ObservationModel(model, rows, rows.start(model, x), x, tuple(n for n in names if n in own), True))

@@ -8,7 +8,7 @@ row is. The motions of frames that nobody knows are parameters beside those of t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -609,9 +609,10 @@ def observation_model(
     return ObservationModel(model, rows, found, x, tuple(experiment.fit_names() if names is None else names), linear)
 
 
-def values_before(model: Model, readings: Readings) -> Array:
-    """Values (p,) of all parameters before any of these readings was used, however often they were identified since."""
-    return np.array([p.before(readings.hashes) for p in model.parameters])
+def values_before(model: Model, readings: Collection[str]) -> Array:
+    """Values (p,) of all parameters before any of some readings, by their hashes, was used, however often they were
+    identified since."""
+    return np.array([p.before(readings) for p in model.parameters])
 
 
 def start_values(experiment: Experiment, names: Sequence[str], x: Array | None = None) -> Array:

@@ -136,7 +136,7 @@ def validate(experiment: Experiment, readings: Readings, fit: FitRecord, *, anyw
     model, rows = experiment.model(), make_rows(readings)
     x = fit.x_of(model)
     errors = rows.measured - rows.predict(model, x, fitted_frames(fit, rows, model, x), fit.linear)
-    before = errors_before(experiment, rows, fit.model_names(experiment), fit.linear)
+    before = errors_before(experiment, rows, fit.model_names(experiment), fit.linear, fit.account.hashes)
     found = _validation(experiment, fit, rows, errors, before, seen=fit.account.has_used(readings))
     return replace(found, notes=(*doubted, *rows.range_notes(model, x)))
 

@@ -58,10 +58,28 @@ def test_the_documented_way_ends_in_a_certificate_with_the_gain_of_all_steps(tmp
     experiment = load_experiment(extended)
     readings = read_readings(given / "readings.csv", experiment)
     first = load_experiment(given / "experiment.yaml").model()
-    found = dict(zip(experiment.model().names, values_before(experiment.model(), readings), strict=True))
+    found = dict(zip(experiment.model().names, values_before(experiment.model(), readings.hashes), strict=True))
     for name, value in zip(first.names, first.nominal, strict=True):
         np.testing.assert_allclose(found[name], value, rtol=1e-12)
     assert all(found[n] == 0.0 for n in found.keys() - {*first.names})
+
+
+def test_other_readings_are_held_against_the_arm_before_the_fit(tmp_path: Path) -> None:
+    """Not against the values of the fit itself, which the files hold by now."""
+    given = shutil.copytree(HIDDEN, tmp_path / "given")
+    file, halves = given / "experiment.yaml", (given / "first.csv", given / "second.csv")
+    robot, head, *rows = (given / "readings.csv").read_text(encoding="utf-8").splitlines(keepends=True)
+    for half, part in zip(halves, (rows[:90], rows[90:]), strict=True):
+        half.write_text(robot + head + "".join(part), encoding="utf-8")
+    run("identify", file, halves[0], "--json", tmp_path / "fit.json", "--nominal", given / "n.yaml")
+    own = run("validate", file, tmp_path / "fit.json", halves[1])
+    file.write_text(file.read_text(encoding="utf-8") + "nominal: n.yaml\n", encoding="utf-8")
+    run("identify", file, halves[0], "--json", tmp_path / "again.json")
+    again = run("validate", file, tmp_path / "again.json", halves[1])
+    before = [re.search(r"[\d.]+(?= → )", text) for text in (own, again)]
+    assert before[0] is not None
+    assert before[1] is not None
+    assert before[0][0] == before[1][0] > "0.1"
 
 
 def test_a_stage_that_says_nothing_is_refused(tmp_path: Path) -> None:
