@@ -249,7 +249,8 @@ def _values(extension: Extension, wanted: Callable[[Effect], bool]) -> dict[str,
     out: dict[str, Any] = {}
     for effect, part in zip(model.effects, model.slices, strict=True):
         if wanted(effect):
-            out.update({p.name: _entry(extension, p) for p in model.parameters[part]})
+            told = (p for p in model.parameters[part] if p.name in extension.sds or not p.modifies or p.nominal)
+            out.update({p.name: _entry(extension, p) for p in told})
     return out
 
 

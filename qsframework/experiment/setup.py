@@ -237,10 +237,10 @@ def expand_name(entry: str, model: Model) -> tuple[str, ...]:
     for effect, part in zip(model.effects, model.slices, strict=True):
         own = model.names[part]
         known += [effect.effect_name(), effect.name, *own]
-        if entry in own:
-            names.append(entry)
-        elif entry in (effect.effect_name(), effect.name):
+        if entry in (effect.effect_name(), effect.name):
             names += [p.name for p in model.parameters[part] if not p.by_name]
+        elif entry in own:
+            names.append(entry)
     if not names:
         allowed = [*dict.fromkeys(known), GEOMETRY]
         hint = _effect_to_add(entry, model) or suggestion(entry, allowed)

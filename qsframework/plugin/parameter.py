@@ -77,6 +77,12 @@ class Parameter:
         return bool(self.earlier) and self.earlier[0][0] is None
 
     @property
+    def modifies(self) -> bool:
+        """Whether it only says how the others of its effect act, so that no reading shows it without them, and
+        something is known of it."""
+        return self.null is None and self.nominal_sd is not None and not self.by_name
+
+    @property
     def scale(self) -> float:
         """Size by which to scale this parameter in rank decisions and designs (> 0)."""
         if self.nominal != 0.0:

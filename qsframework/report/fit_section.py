@@ -147,7 +147,8 @@ def _total(fit: Fit) -> str:
         return "The load's stated uncertainty adds nothing that counts to these sds. " if "the load" in parts else ""
     said = [f"{e.name} ({sd_of(fit, e) / e.sd:.2g} times)" for e in more]
     most = dict.fromkeys(max(parts, key=lambda name: parts[name][fit.names.index(e.name)]) for e in more)
-    return f"Larger than by the noise alone are the sds of {some_of(said)}, most by {some_of(list(most))}. "
+    settles = "" if [*most] == ["the load"] else " State more closely what is held at nominal, or name it in fit."
+    return f"Larger than by the noise alone are the sds of {some_of(said)}, most by {some_of([*most])}.{settles} "
 
 
 def error_tables(fit: Fit) -> tuple[ReportTable, ...]:
@@ -263,7 +264,7 @@ def _on_the_robot(fit: Fit, experiment: Experiment, readings: Readings) -> Scene
     """The residuals of the nominal and of the identified model in 3D."""
     from qsframework.viz import residuals
 
-    rows, before = residuals(experiment, readings, values_before(fit.model, readings), linear=fit.linear)
+    rows, before = residuals(experiment, readings, values_before(fit.model, readings.hashes), linear=fit.linear)
     _, after = residuals(experiment, readings, fit.x, fit.frames, fit.linear)
     look = (
         "Look for green arrows that turn together with a link, or that all point one way: the model misses something, "

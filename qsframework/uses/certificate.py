@@ -243,8 +243,7 @@ def _causes(experiment: Experiment, found: Diagnosis, anyway: bool) -> tuple[str
 def _quantities(experiment: Experiment, fit: FitRecord) -> tuple[Quantity, ...]:
     units = {p.name: p.unit for p in experiment.model().parameters}
     out: list[Quantity] = []
-    sds = np.sqrt(np.maximum(np.diag(fit.whole_covariance + fit.held_covariance), 0.0))
-    for e, sd in zip(fit.estimates, sds.tolist(), strict=True):
+    for e, sd in zip(fit.estimates, fit.sd_total, strict=True):
         if e.name not in units:
             continue
         unit = units[e.name]
@@ -312,7 +311,7 @@ def _arrivals(experiment: Experiment, fit: FitRecord, rows: ReadingRows) -> tupl
     model = experiment.model()
     x = fit.x_of(model)
     after = rows.measured - rows.predict(model, x, fitted_frames(fit, rows, model, x), fit.linear)
-    errors = errors_before(experiment, rows, fit.model_names(experiment), fit.linear), after
+    errors = errors_before(experiment, rows, fit.model_names(experiment), fit.linear, fit.account.hashes), after
     out: list[Arrivals] = []
     for g in again:
         at = np.flatnonzero(position & (group == g))

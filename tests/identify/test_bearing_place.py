@@ -22,10 +22,11 @@ SPRINGS = tuple(tilt.name for tilt in TILTS)
 
 def tilting(arm: Experiment, facts: RobotFacts, up: float = 0.0) -> Experiment:
     """The arm with a first bearing that tilts about x and y; up: m along the axis, where it is by `nominal.yaml`."""
-    sizes = dict(zip(SPRINGS, SIZES, strict=True))
-    known = tuple(replace(p, nominal=sizes.get(p.name, up)) for tilt in TILTS for p in tilt.parameters(facts))
+    own = {p.name: p for tilt in TILTS for p in tilt.parameters(facts)}
+    known = tuple(replace(own.pop(name), nominal=c, sd=0.01 * c) for name, c in zip(SPRINGS, SIZES, strict=True))
+    known += tuple(replace(p, nominal=up) for p in own.values())
     robot = replace(arm.robot, facts=facts, effects=arm.robot.effects + TILTS, parameters=arm.robot.parameters + known)
-    return on_robot(arm, robot).with_(fit=("joint_compliance", *SPRINGS))
+    return on_robot(arm, robot).with_(fit=("joint_compliance", "offaxis_compliance"))
 
 
 def stated(arm: Experiment) -> RobotFacts:
@@ -69,24 +70,23 @@ def test_the_length_as_a_parameter_is_the_stated_one(m900ib: Experiment) -> None
 
 
 def test_what_nobody_states_is_estimated_or_stands_beside_each_estimate(m900ib: Experiment) -> None:
-    """Of an arm that tilts UP above the floor: fitted about the floor, springs are off by many sds of the noise, and
-    the table says by what; with the effect in `fit:` the length is found from what is known of it, and all is right."""
+    """Of an arm that tilts UP above the floor. With the tilt in `fit:` the length is found from what is known of it,
+    and all is right; with the tilt held the other springs are off by sds of the noise, and the table says by what."""
     truth, floor = tilting(m900ib, stated(m900ib)), tilting(m900ib, m900ib.robot.facts)
     was = dict(zip(truth.model().names, truth.model().nominal, strict=True))
     worst: dict[str, list[float]] = {}
     for seed in range(4):
         readings = displacements(truth, truth.model().nominal, 24, seed)
-        held = fit_readings(floor, readings)
-        found = fit_readings(floor.with_(fit=("joint_compliance", "offaxis_compliance")), readings)
-        right = fit_readings(truth, readings)
+        held = fit_readings(floor.with_(fit=("joint_compliance",)), readings)
+        found, right = fit_readings(floor, readings), fit_readings(truth, readings)
         for what, fit in (("noise", held), ("quoted", held), ("found", found), ("right", right)):
             sds = fit.sd if what == "noise" else fit.sd_total
             off = [(e.value - was.get(e.name, UP)) / sd for e, sd in zip(fit.estimates, sds, strict=True)]
             worst.setdefault(what, []).append(float(np.abs(off).max()))
         assert found.chi2 < 1.3 * found.dof
-        assert found.estimates[-1].name.endswith("bearing")
+        assert f"{SPRINGS[1]}.bearing" in found.names
         assert f"most by {SPRINGS[0]}.bearing" in fit_table(held).caption
         assert "bearing" not in fit_table(right).caption
-    assert min(worst["noise"]) > 8.0
-    assert max(worst["quoted"]) < 0.5 * min(worst["noise"])
+    assert min(worst["noise"]) > 6.0
+    assert max(worst["quoted"]) < 3.0
     assert max(worst["found"] + worst["right"]) < 3.3, "of 72 normal numbers"

@@ -114,7 +114,7 @@ def find_causes(
         if missing:
             untested.append(Untested(effect.name, missing))
         else:
-            own = tuple(p for p in given(effect, "parameters", facts) if p.null is not None or p.nominal_sd is None)
+            own = tuple(p for p in given(effect, "parameters", facts) if not p.modifies)
             causes.append(Cause(effect.name, (effect,), own, False))
     return tuple(c for c in causes if c.parameters and not _of_still(c, facts, seen)), tuple(untested)
 
