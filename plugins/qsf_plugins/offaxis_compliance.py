@@ -8,7 +8,7 @@ from typing import Literal, cast
 
 import numpy as np
 
-from qsframework.plugin import Array, Context, Parameter, RobotFacts, Spring, VirtualJoint, place
+from qsframework.plugin import Array, Context, Parameter, RobotFacts, Spring, VirtualJoint, cross_matrix, place
 
 _APART = 0.1
 """Of the reach, sd of the place of a bearing on its axis: tables put the first joint's frame on the floor, and of the
@@ -56,11 +56,11 @@ class OffaxisCompliance(Spring):
     def _somewhere(self, robot: RobotFacts) -> bool:
         """Whether nobody says about which point of its axis the bearing tilts, and it matters."""
         k = robot.joint_index(self.joint)
-        return not robot.sliding[k] and bool(np.isnan(robot.bearings[k]) and self._shift(robot).any())
+        return not robot.sliding[k] and robot.bearings[k] is None and bool(self._shift(robot).any())
 
     def _shift(self, robot: RobotFacts) -> Array:
         """By how much, (3,) m, a unit tilt about a point 1 m along the joint's axis moves its frame the other way."""
-        return np.cross(np.eye(3)["xyz".index(self.axis)], robot.axes[robot.joint_index(self.joint)])
+        return cross_matrix(np.eye(3)["xyz".index(self.axis)]) @ robot.axes[robot.joint_index(self.joint)]
 
     def validate(self, robot: RobotFacts) -> None:
         robot.joint_index(self.joint)

@@ -29,7 +29,7 @@ from qsframework.estimation import rms
 from qsframework.experiment import Experiment, Readings, make_rows
 from qsframework.experiment.account import account_of
 from qsframework.experiment.before import errors_before
-from qsframework.fits.findings import noise_findings
+from qsframework.fits.findings import noise_findings, of_whole_table
 from qsframework.fits.pose_spread import check_pose_spread
 from qsframework.hypotheses.exact_refit import SettledFit
 from qsframework.hypotheses.search.cross_validation import HeldOut
@@ -126,8 +126,9 @@ def _told(
     # Of the baseline, with the names that it leaves open, and what is wrong with the readings.
     account = account_of(base.experiment, base.rows, base.fit.names)
     errors, sigma = _errors(base, extended, held, given, audit), rms(base.start.sigma[base.rows.mask])
-    noise = noise_findings(sigma, audit.unit, (errors.nominal, errors.heldout_extended)) if audit.stated else ()
-    wrong = (*(m.finding for m in mistakes if m.told), *noise)
+    told = [m for m in mistakes if m.told]
+    noise = noise_findings(sigma, audit.unit, (errors.nominal, errors.heldout_extended))
+    wrong = (*(m.finding for m in told), *(noise if audit.stated and not of_whole_table(told) else ()))
     return Diagnosis(
         account=replace(account, causes=tuple(f.name for f in findings if not f.doubtful), findings=wrong),
         experiment=base.experiment,

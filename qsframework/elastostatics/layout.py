@@ -187,7 +187,7 @@ class _Builder:
                 here = self._add_placement(here)
             mine = [v for v in virtual if self.facts.link_index(v.link) == k + 1]
             on_link = [v for v in mine if v.link in self.facts.links]
-            along = np.nan_to_num(self.facts.bearings[k]) * self.facts.axes[k]  # where its bearing tilts
+            along = (self.facts.bearings[k] or 0.0) * self.facts.axes[k]  # where its bearing tilts
             tilting = [v for v in on_link if v.side == "before"]
             here = self._add_virtual(tilting, here @ homogeneous(np.eye(3), along)) @ homogeneous(np.eye(3), -along)
             self.joint_elements.append(self._add(here, self.facts.axes[k], not self.facts.sliding[k]))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from functools import cached_property
@@ -104,7 +103,7 @@ class RobotFacts:
     limits      (n, 2) rad, m where a joint slides: all that the controller can command; None where nobody states them
     passive     names of joints that no actuator drives: they follow others by a loop
     branches    (b,) moving links beside the arm, parents first; loops determine their angles
-    bearings    (n,) m along each joint's axis from its frame to the point about which its bearing tilts, NaN where
+    bearings    (n,) m along each joint's axis from its frame to the point about which its bearing tilts, None where
                 nobody states it; nobody does where it is left out
     flange      name of the frame in which the load's point and, unless said, the markers are stated
     flange_placement (4, 4) that frame in the last link's; it is the last link's own where both are left out
@@ -123,7 +122,7 @@ class RobotFacts:
     passive: tuple[str, ...] = ()
     branches: tuple[Branch, ...] = ()
     sliding: tuple[bool, ...] = ()
-    bearings: tuple[float, ...] = ()
+    bearings: tuple[float | None, ...] = ()
     flange: str = ""
     flange_placement: Array = field(default_factory=lambda: frozen(np.eye(4)))
 
@@ -131,7 +130,7 @@ class RobotFacts:
         if not self.sliding:
             object.__setattr__(self, "sliding", (False,) * len(self.joints))
         if not self.bearings:
-            object.__setattr__(self, "bearings", (math.nan,) * len(self.joints))
+            object.__setattr__(self, "bearings", (None,) * len(self.joints))
         if not self.flange:
             object.__setattr__(self, "flange", self.links[-1])
 

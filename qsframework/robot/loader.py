@@ -126,8 +126,7 @@ def _read_facts(
     facts = read_facts(spec.name, model, arm, spec.base, spec.flange, spec.payload)
     branches, frames = ((), {}) if tree is None else read_branches(tree, urdf, spec.base, facts)
     passive = tuple(joint for joint in facts.joints if joint not in spec.controller)
-    stated = [spec.controller[joint].bearing if joint in spec.controller else None for joint in facts.joints]
-    bearings = tuple(math.nan if at is None else at for at in stated)
+    bearings = tuple(spec.controller[joint].bearing if joint in spec.controller else None for joint in facts.joints)
     return replace(facts, passive=passive, branches=branches, bearings=bearings), frames
 
 

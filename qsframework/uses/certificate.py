@@ -169,6 +169,7 @@ def certify(
     where the diagnosis names what the fit does not have, unless `anyway`.
     """
     notes = check_fit(fit, experiment.robot, experiment, readings, anyway=None)
+    notes += () if readings.made is None else ("the readings are simulated: no arm was measured",)
     looked = diagnosis or _looked(experiment, fit, readings)
     if isinstance(looked, str):
         notes += (looked,)
@@ -284,7 +285,8 @@ def _budget(
         shares.append(Share("repeatability", float(np.sqrt(3.0)) * rows.readings.repeatability))
     # the instrument's part of one reading is what somebody stated: residuals hold more than the instrument
     if meta.instrument.uncertainty is not None:
-        shares.append(Share("instrument", meta.instrument.uncertainty / COVERAGE))
+        points = 2.0 - float(rows.readings.is_position[rows.keep].mean())  # a displacement is between two
+        shares.append(Share("instrument", meta.instrument.uncertainty / COVERAGE * float(np.sqrt(points))))
     elif rows.readings.stated:
         mean_square = (np.where(rows.mask, rows.sigma, 0.0) ** 2).sum(axis=1).mean()
         shares.append(Share("instrument", float(np.sqrt(mean_square))))

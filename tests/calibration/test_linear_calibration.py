@@ -201,7 +201,8 @@ def fits_of(values: Array, sds: Array) -> FitRecord:
     estimates = [SimpleNamespace(name=f"x{i}", unit="", value=v) for i, v in enumerate(values.tolist())]
     account = SimpleNamespace(marks=(), shares=lambda marks: False)
     names = tuple(e.name for e in estimates)
-    record: Any = SimpleNamespace(estimates=estimates, names=names, values=values, sd_total=tuple(sds), account=account)
+    C = np.diag(np.square(sds))
+    record: Any = SimpleNamespace(estimates=estimates, names=names, values=values, whole_covariance=C, account=account)
     return cast(FitRecord, record)
 
 

@@ -155,7 +155,7 @@ def test_zeros_signs_and_the_first_bearing_of_a_table_are_asked(tmp_path: Path) 
     assert "bearing:" not in said
     robot, other = load_robot(tmp_path / "arm"), load_robot(tmp_path / "floor")
     assert robot.facts.bearings[0] == pytest.approx(0.4)
-    assert np.isnan(other.facts.bearings).all()
+    assert not any(other.facts.bearings)
     q = np.random.default_rng(0).uniform(-1, 1, (5, 4))
     np.testing.assert_allclose(reference_flange(robot, q), reference_flange(other, q), atol=1e-12)
 

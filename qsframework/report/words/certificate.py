@@ -45,7 +45,9 @@ def conformity_words(c: Conformity | None) -> str:
     """The statement of conformity in one sentence."""
     if c is None:
         return "No tolerance stated: conformity not assessed."
-    known = f"U = {mm(c.expanded)} mm, k = {COVERAGE:.0f}" if c.expanded >= 0.0 else "U not stated"
+    known = "U not stated"
+    if c.expanded >= 0.0:
+        known = f"U = {mm(c.expanded)} mm of the instrument along the error, k = {COVERAGE:.0f}"
     size = f"95 % of the readings held out are within {mm(c.error)} mm ({known}), "
     size += f"the tolerance is {mm(c.tolerance)} mm"
     if c.holds is None:
