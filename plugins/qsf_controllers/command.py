@@ -26,7 +26,10 @@ def export(
     from qsframework.cli import sorted_out
     from qsframework.errors import InputError, Problem
 
-    given = sorted_out(files, ("experiment",), "plan")
+    given = sorted_out(files, ("experiment", "targets"), "plan")
+    for targets in given.pop("targets"):
+        hint = "Teach them in a programme: qsf compensate EXPERIMENT FIT PROGRAMME corrects it."
+        raise InputError(Problem("these are targets, no plan of measurements", str(targets), hint=hint))
     if [len(found) for found in given.values()] != [1, 1]:
         raise InputError(Problem("an experiment and a plan are needed", found=" ".join(map(str, files))))
     ((experiment,), (plan,)) = given.values()

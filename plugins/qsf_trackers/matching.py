@@ -341,7 +341,7 @@ def check_twice(points: Sequence[TrackerPoint]) -> None:
         message = f"two points for one marker: {label(point.slot)} stands in {where}line {other.line} too, {size}"
         again = "" if point.slot.loaded else f"c{point.slot.cycle + 1} where the load was taken off again, or with "
         another = f"r{point.slot.repeat + 1} where the pose was visited again"
-        hint = f"End the name of the second reading with {again}{another}; or delete or ignore one."
+        hint = f"End the name of the second reading with {again}{another}; or delete one of the two lines."
         problems.append(point.problem(message, found=repr(point.name), hint=hint))
     refuse(problems)
 

@@ -337,7 +337,7 @@ def _read_header(path: Path, line: int, header: list[str], columns: Sequence[Col
 
 def _meant(unknown: Sequence[str], columns: Sequence[Column], spellings: Sequence[str]) -> tuple[list[str], str | None]:
     """The near spellings of unknown names, and the hint: these, or how many joints the robot has."""
-    meant = [near for name in unknown if (near := near_name(name, spellings))]
+    meant = [*dict.fromkeys(near for name in unknown if (near := near_name(name, spellings)))]
     if any(re.match(r"q\d+(_|$)", name) for name in unknown):
         joints = sum(re.fullmatch(r"q\d+", c.stem) is not None for c in columns)
         return meant, f"The robot has {joints} joints, q1 to q{joints}."

@@ -65,6 +65,7 @@ def test_files_are_known_by_what_stands_in_them(tmp_path: Path) -> None:
         (["check", "fanuc_m900"], "Did you mean 'fanuc_m900ib'?"),
         (["check", "experimnt.yaml"], "experimnt.yaml: no such file. Did you mean 'experiment.yaml'?"),
         (["export", "experiment.yaml", "--to", "csv", "-o", "p.csv"], "an experiment and a plan are needed"),
+        (["export", "experiment.yaml", "t.csv", "--to", "krl", "-o", "p"], "t.csv: these are targets, no plan"),
         (["design", "experiment.yaml", "--criterion", "d"], "Did you mean 'D'?"),
     ],
 )
@@ -72,6 +73,7 @@ def test_what_is_nearly_right_is_suggested(
     arguments: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "experiment.yaml").write_text((example("m900ib") / "experiment.yaml").read_text())
+    (tmp_path / "t.csv").write_text((example("m900ib") / "targets.csv").read_text())
     monkeypatch.chdir(tmp_path)
     result = CliRunner().invoke(app, arguments)
     assert isinstance(result.exception, InputError)
