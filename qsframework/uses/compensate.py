@@ -20,7 +20,7 @@ from qsframework.arguments import checked
 from qsframework.elastostatics import Model, actuator_torques, equilibrium, range_notes
 from qsframework.errors import InputError, NotConverged, Problem, refuse, some_of
 from qsframework.experiment import Experiment, Frame
-from qsframework.experiment.account import Account
+from qsframework.experiment.account import Account, flange_places
 from qsframework.files import as_file
 from qsframework.fits import FitRecord
 from qsframework.fits.soundness import check_fit
@@ -50,6 +50,9 @@ _SHARE = 1e-3
 _BLOCK = 64
 _BEYOND = 1.2
 """Times the largest measured load from which a target is said to lie beyond it."""
+_AROUND = 0.1
+"""Of the diagonal of the box that the measured places of the flange fill: farther outside, a target is said to lie
+beyond the workspace. A few dozen poses leave about so much of a workspace beyond the outermost ones."""
 _SEEN = 1e-6
 """m by which a natural size of what was held must move the tip to be worth a word."""
 _NOTHING = 1e-12
@@ -272,22 +275,29 @@ def _kept(uncorrected: Array, expected: Array, together: bool) -> npt.NDArray[np
 
 
 def _beyond_notes(account: Account, targets: Targets, experiment: Experiment) -> Iterator[str]:
-    """Targets beyond the loads and the angles of the readings."""
+    """Targets beyond the loads, the angles and the workspace of the readings."""
+
+    def named(which: Array) -> str:
+        return some_of([targets.name[i] for i in np.flatnonzero(which)])
+
     for what, part, most in (("force", slice(3), account.force), ("moment", slice(3, 6), account.moment)):
         size = np.linalg.norm(targets.wrench[:, part], axis=1)
-        far = np.flatnonzero(size > _BEYOND * most)
-        if len(far):
-            names, unit = some_of([targets.name[i] for i in far]), "N" if what == "force" else "N m"
-            yield f"beyond the {what} of the readings, {most:.4g} {unit}: {size.max():.4g} {unit} at {names}"
+        far = size > _BEYOND * most
+        if far.any():
+            unit = "N" if what == "force" else "N m"
+            yield f"beyond the {what} of the readings, {most:.4g} {unit}: {size.max():.4g} {unit} at {named(far)}"
     low, high = np.array(account.angles).reshape(-1, 2).T
     outside = (targets.pendant < low) | (targets.pendant > high)
-    joints = [
-        f"{joint} at {some_of([targets.name[i] for i in np.flatnonzero(far)])}"
-        for joint, far in zip(experiment.robot.facts.driven, outside.T, strict=True)
-        if far.any()
-    ]
+    columns = zip(experiment.robot.facts.driven, outside.T, strict=True)
+    joints = [f"{joint} at {named(far)}" for joint, far in columns if far.any()]
     if joints:
         yield f"beyond the angles of the readings: {'; '.join(joints)}"
+    low, high = np.array(account.flange).T
+    places = flange_places(experiment, experiment.robot.controller.to_joints(targets.pendant))
+    around = _AROUND * np.linalg.norm(high - low)
+    far = np.any((places < low - around) | (places > high + around), axis=1)
+    if far.any():
+        yield f"flange over {1e3 * around:.0f} mm outside the box of its measured places: {named(far)}"
 
 
 def _not_counted(experiment: Experiment, fit: FitRecord, open_: Array, level: int) -> tuple[list[str], list[str]]:

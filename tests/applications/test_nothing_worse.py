@@ -13,7 +13,7 @@ from heavy_arm import at_levels, rms
 from typer.testing import CliRunner
 
 from qsframework.cli.app import app
-from qsframework.elastostatics import equilibrium
+from qsframework.elastostatics import Site, equilibrium
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment, example, load_experiment, make_plan, simulate, write_readings
 from qsframework.fits import FitRecord
@@ -109,6 +109,20 @@ def test_targets_beyond_the_readings_are_said(m900ib: Experiment) -> None:
     assert "beyond the force of the readings, 4000 N: 5000 N at t03, t04" in notes
     assert f"beyond the angles of the readings: joint_1 at {', '.join(far)}" in notes
     assert not any("beyond the" in note for note in deflected(m900ib, fit).notes)
+
+
+def test_targets_beyond_the_measured_workspace_are_said(m900ib: Experiment) -> None:
+    """The box of the flange's measured places, enlarged by a tenth of its diagonal."""
+    fit, targets, robot = vague(m900ib, 1e-3), both(m900ib), m900ib.robot
+    site = Site(robot.flange.link, robot.flange.placement[:3, 3])
+    places = rigid_tip(robot, site, robot.controller.to_joints(targets.pendant)).position
+    low, high = places.min(axis=0), places.max(axis=0)
+    for beyond, said in ((0.09, False), (0.13, True)):  # of the diagonal, along x
+        short = (high - low) - [beyond * float(np.linalg.norm(high - low)), 0.0, 0.0]
+        box = tuple(zip(low.tolist(), (low + short).tolist(), strict=True))
+        notes = deflected(m900ib, replace(fit, account=replace(fit.account, flange=box))).notes
+        name = targets.name[int(np.argmax(places[:, 0]))]
+        assert any(f"outside the box of its measured places: {name}" in note for note in notes) == said
 
 
 def campaign(share: float, count: int, folder: Path) -> tuple[Experiment, Array]:
