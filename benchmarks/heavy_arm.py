@@ -37,7 +37,6 @@ from qsframework.experiment import Experiment, Readings, load_experiment, read_r
 from qsframework.fits import Fit, identify
 from qsframework.plans import generate_candidates
 from qsframework.plugin import Array, Parameter, Poses
-from qsframework.uses.compensate import Compensation
 from qsframework.uses.inverse import arm_length, rigid_jacobian
 from qsframework.uses.targets import joint_targets
 from qsframework.work import Work, run
@@ -405,17 +404,6 @@ def _rigid(places: Array, wanted: Array) -> tuple[Array, Array]:
     return R, b - R @ a
 
 
-def expected(result: Compensation) -> dict[str, Array]:
-    """RMS distances (N,) m that a compensation expects at its targets, at the levels of which it says something: today
-    in the frame of the instrument, and in the base frame where what that absorbs has a stated sd."""
-    out = {"frame": result.sd}
-    if result.base_sd is not None:
-        out["base"] = result.base_sd
-    if result.tool_sd is not None:
-        out["tool"] = result.tool_sd
-    return out
-
-
 @dataclass(frozen=True)
 class Stage:
     """What an arm does at the targets after one stage, and what was said of it."""
@@ -515,7 +503,7 @@ def corrected(case: _Case, experiment: Experiment, fit: Fit, wrench: Array, adde
         refused = str(error)
     return Stage(
         real=case.judged(result.pendant),
-        stated=expected(result),
+        stated=result.sds,
         moved=case.judged(forced.pendant),
         kept=int(result.kept.sum()),
         held_out=fit.held_out_error,

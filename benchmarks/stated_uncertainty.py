@@ -5,8 +5,10 @@
 
 Each campaign is drawn, written as a user's files, identified, and used at 30 fresh targets. The true arm has springs,
 zeros, joint placements and, where the tool is fitted, reflectors that its files know only to their stated sds. Of
-`compensate`, the error is that of the tool point where it then stands; of `certificate`, that of the reflectors as the
-fit predicts them, at fresh poses: both in the frame that is named. An error is covered where it is within U, k = 2.
+`compensate`, the error is that of the tool point where it then stands, at the level of the held-out error: in the base
+frame; where the frame is free, after the frame that suits best these and about as many other fresh poses; where the
+tool is free too, after that and the tool. Of `certificate`, it is that of the reflectors as the fit predicts them,
+at fresh poses, in the frame of the tracker. An error is covered where it is within U, k = 2.
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ from pathlib import Path
 import numpy as np
 from common import replace_between, table
 from independent import Built, Campaign, Setting, built, forces, noisy, random_poses, write_campaign
-from independent_arm import HEAVY, Array, Hidden, Visits, positions, still_visits, turn
+from independent_arm import HEAVY, Array, Hidden, Visits, positions, still_visits
 
 from qsframework.experiment import Experiment, load_experiment, read_readings
 from qsframework.fits import identify
@@ -111,15 +113,14 @@ def _state(kind: Kind, true: Built, path: Path) -> None:
 
 
 def fresh(one: Drawn) -> Visits:
-    """Loaded states at poses that the campaign has not, away from singular ones."""
+    """Loaded states at poses that the campaign has not, away from singular ones: the targets, and others."""
     setting = replace(one.campaign.setting, poses=2 * TARGETS, seed=one.campaign.setting.seed + _FRESH, loads="many")
     shown = random_poses(setting, np.random.default_rng([setting.seed, 5]))
     robot = one.experiment.robot
     J = rigid_jacobian(robot, one.experiment.load_site, robot.controller.to_joints(shown))
     J[:, :3] /= arm_length(robot)
-    shown = shown[np.linalg.svd(J, compute_uv=False)[:, -1] > _REGULAR][:TARGETS]
-    loads = forces(setting)
-    return still_visits(shown, loads[np.arange(TARGETS) % len(loads)])
+    shown = shown[np.linalg.svd(J, compute_uv=False)[:, -1] > _REGULAR]
+    return still_visits(shown, np.resize(forces(setting), (len(shown), 3)))
 
 
 def _stands(one: Drawn, visits: Visits, points: Array) -> Array:
@@ -128,22 +129,30 @@ def _stands(one: Drawn, visits: Visits, points: Array) -> Array:
 
 
 def of_targets(one: Drawn) -> tuple[Array, Array]:
-    """True errors (N,) m of corrected targets in the frame that is named, and their stated U (N,) m."""
+    """True errors (N,) m of corrected targets at the level that is stated, and their stated U (N,) m."""
     there = fresh(one)
     wrench = np.concatenate([there.force, np.zeros_like(there.force)], axis=1)
     targets = joint_targets(one.experiment, there.shown, wrench)
     deflection = one.kind.readings == "displacements"
     found = compensate(one.experiment, one.fit, targets, "unloaded" if deflection else "commanded")
-    tool = np.array([HEAVY.tool])
-    stands = _stands(one, still_visits(found.pendant, there.force), tool)[:, 0]
+    tool = HEAVY.tool + np.vstack([np.zeros(3), np.eye(3)])
+    stands = _stands(one, still_visits(found.pendant, there.force), tool)
+    wanted = targets.wanted.position
     if deflection:
         wanted = _stands(one, still_visits(there.shown, 0.0 * there.force), tool)[:, 0]
-    elif one.kind.frame:
-        wanted = one.fit.frames[0].apply(targets.wanted.position)
-        stands = stands @ turn(one.true.station[:3]).T + one.true.station[3:]
-    else:
-        wanted = targets.wanted.position
-    return np.linalg.norm(stands - wanted, axis=1), COVERAGE * found.sd
+    error = stands[:, 0] - wanted
+    if one.kind.frame:
+        error = _left(error, stands, one.kind.tool)
+    return np.linalg.norm(error[:TARGETS], axis=1), COVERAGE * found.sd[:TARGETS]
+
+
+def _left(error: Array, stands: Array, tool: bool) -> Array:
+    """Errors (N, 3) m less the motion of the frame, and of the tool, that suits best; stands (N, 4, 3) m: the tool
+    point, and points a metre from it along the axes of the flange."""
+    along = (stands[:, 1:] - stands[:, :1]).transpose(0, 2, 1)
+    turned = np.cross(np.eye(3), stands[:, :1]).transpose(0, 2, 1)
+    moved = np.concatenate([np.broadcast_to(np.eye(3), turned.shape), turned, *([along] if tool else [])], axis=2)
+    return np.asarray(error - moved @ np.linalg.lstsq(moved.reshape(error.size, -1), error.ravel(), rcond=None)[0])
 
 
 def of_reflectors(one: Drawn, folder: Path, halves: int) -> tuple[Array, Array]:

@@ -137,7 +137,7 @@ def experiment_lines(experiment: Experiment, readings: Readings) -> list[Line]:
     from qsframework.screening import FILES, STAND_OUT, find_mistakes
     from qsframework.screening.closure import check_states
 
-    lines: list[Line] = [(c.good, c.kind, c.words) for c in check_states(experiment, readings)]
+    lines: list[Line] = [(c.good, c.kind, c.said) for c in check_states(experiment, readings)]
     lines += [(None, "reads", said) for said in readings.about_reads]
     lines += [(None, "still", said) for said in readings.about_still(experiment.robot.facts.driven)]
     mistakes = find_mistakes(experiment, readings)

@@ -162,9 +162,9 @@ def words(result: Compensation) -> str:
     i = result.worst
     rms = [float(np.sqrt(np.mean(v**2)) * 1e3) for v in (result.uncorrected, result.sd)]
     return (
-        f"Uncorrected, the tool stands {rms[0]:.3f} mm (RMS) off its targets; corrected, {rms[1]:.4f} mm is to be "
-        f"expected from the uncertainty of the fit. The largest expected error is {result.sd[i] * 1e3:.4f} mm, "
-        f"at target {result.targets.name[i]}."
+        f"Uncorrected, the tool stands {rms[0]:.3f} mm (RMS{result.at_level}) off its targets; corrected, "
+        f"{rms[1]:.4f} mm is to be expected from the uncertainty of the fit. The largest expected error is "
+        f"{result.sd[i] * 1e3:.4f} mm, at target {result.targets.name[i]}."
     )
 
 
@@ -181,5 +181,6 @@ def write_corrected(path: Path, result: Compensation, experiment: Experiment) ->
     comments = [
         f"robot: {experiment.robot.name}",
         "corrected targets: give the controller either q1, q2, ... or x_mm ... rz_deg of a row, not both",
+        *([f"uncorrected_mm, without_load_mm, expected_error_mm{result.at_level}"] if result.at_level else []),
     ]
     write_table(path, header, rows, comments)

@@ -35,7 +35,7 @@ from qsframework.hypotheses.exact_refit import SettledFit
 from qsframework.hypotheses.search.cross_validation import HeldOut
 from qsframework.hypotheses.search.subsets import LARGEST
 from qsframework.option import Seed
-from qsframework.screening import Mistake, adopted, find_mistakes
+from qsframework.screening import Mistake, adopted, find_mistakes, state_findings
 from qsframework.work.threads import on_one_thread
 
 STEPS = ("conventions", "baseline", "causes", "search", "test for remaining signal", "held-out gain", "table", "noise")
@@ -128,7 +128,8 @@ def _told(
     errors, sigma = _errors(base, extended, held, given, audit), rms(base.start.sigma[base.rows.mask])
     told = [m for m in mistakes if m.told]
     noise = noise_findings(sigma, audit.unit, (errors.nominal, errors.heldout_extended))
-    wrong = (*(m.finding for m in told), *(noise if audit.stated and not of_whole_table(told) else ()))
+    of_noise = noise if audit.stated and not of_whole_table(told) else ()
+    wrong = (*(m.finding for m in told), *of_noise, *state_findings(*given))
     return Diagnosis(
         account=replace(account, causes=tuple(f.name for f in findings if not f.doubtful), findings=wrong),
         experiment=base.experiment,

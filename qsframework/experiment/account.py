@@ -23,7 +23,8 @@ from qsframework.experiment.observations import ReadingRows
 from qsframework.experiment.readings import Readings
 from qsframework.experiment.setup import Experiment
 from qsframework.files import FileRecord, Unit
-from qsframework.plugin import Indices
+from qsframework.plugin import Array, Indices
+from qsframework.robot.kinematics import joint_frames
 
 _MARKS = 128
 """Readings, the smallest by their hashes, by which all are known again."""
@@ -50,7 +51,8 @@ class Account(FileRecord):
     frames: series whose frame was estimated from the same readings; tool: parameters of the markers that were
     extended: effects that the model has from a diagnosis of readings; causes: names that a diagnosis of these readings
     leaves open, None where nobody looked
-    force, moment: the largest of the readings, N and N m; angles: the range of each pendant value, rad or m
+    force, moment: the largest of the readings, N and N m; angles: the range of each pendant value, rad or m; flange: of
+    each coordinate of the rigid arm's flange, m, base frame
     rigid: springs that are not estimated were held rigid
     findings: what is wrong with these readings, or with the files of the campaign
     description: hashes of what the model was read from, part by part, the values of parameters aside
@@ -68,6 +70,7 @@ class Account(FileRecord):
     force: Annotated[float, Unit("N")]
     moment: Annotated[float, Unit("N m")]
     angles: tuple[tuple[float, float], ...]
+    flange: tuple[tuple[float, float], ...]
     rigid: bool
     simulated: bool
     description: dict[str, str]
@@ -159,7 +162,7 @@ def _marks(readings: Readings, rows: Indices) -> tuple[str, ...]:
 def account_of(experiment: Experiment, rows: ReadingRows, names: Sequence[str]) -> Account:
     """The account of a fit of parameters by name to some rows of readings."""
     readings, model = rows.readings, experiment.model()
-    pendant = readings.poses.pendant[rows.plus]
+    visited = readings.poses.take(np.unique(rows.plus))
     tool = set(model.of_role("marker offset"))
     return Account(
         kinds=tuple(dict.fromkeys(readings.kind[rows.keep].tolist())),
@@ -168,18 +171,30 @@ def account_of(experiment: Experiment, rows: ReadingRows, names: Sequence[str]) 
             for source, sha in zip(readings.sources, readings.hashes, strict=True)
         ),
         marks=_marks(readings, rows.keep)[:_MARKS],
-        visits=len(np.unique(rows.plus)),
+        visits=len(visited),
         reads=len(rows.keep) if readings.reads is None else int(readings.reads[rows.keep].sum()),
         frames=tuple(readings.frames[f] for f in rows.estimated),
         tool=tuple(n for n in names if n in tool),
         extended=added_effects(model),
         force=_largest(rows, slice(3)),
         moment=_largest(rows, slice(3, 6)),
-        angles=tuple(zip(pendant.min(axis=0).tolist(), pendant.max(axis=0).tolist(), strict=True)),
+        angles=_ranges(visited.pendant),
+        flange=_ranges(flange_places(experiment, visited.q)),
         rigid=experiment.rigid,
         simulated=not readings.sources,
         description=description(experiment.robot, experiment),
     )
+
+
+def flange_places(experiment: Experiment, q: Array) -> Array:
+    """Where the rigid arm holds its flange (N, 3) m at joint values (N, n), base frame."""
+    frame = experiment.robot.flange
+    return joint_frames(experiment.robot.facts, q).point(frame.link, frame.placement[:3, 3]).T
+
+
+def _ranges(values: Array) -> tuple[tuple[float, float], ...]:
+    """The least and the largest of each column (N, k)."""
+    return tuple(zip(values.min(axis=0).tolist(), values.max(axis=0).tolist(), strict=True))
 
 
 def _largest(rows: ReadingRows, part: slice) -> float:

@@ -59,6 +59,7 @@ from qsframework.screening import (
     find_mistakes,
     find_outliers,
     masked,
+    state_findings,
     told_outliers,
 )
 from qsframework.work.threads import on_one_thread
@@ -96,7 +97,8 @@ def identify(
     """
     experiment = experiment if fit is None else experiment.with_(fit=tuple(fit))
     found = fit_readings(experiment, readings, options)
-    findings = findings_of(found, find_mistakes(experiment, found.used(readings)))
+    used = found.used(readings)
+    findings = (*findings_of(found, find_mistakes(experiment, used)), *state_findings(experiment, used))
     return replace(found, account=replace(found.account, findings=findings))
 
 

@@ -40,8 +40,8 @@ def target_table(result: Compensation) -> ReportTable:
     return ReportTable(
         (*header, *result.units.labels("dJ")),
         rows,
-        "Position error of the load point without the correction; how far the load alone moves it, and how far "
-        f"off {own_cause(result)} put it without; the root mean square of the distance "
+        f"Position error of the load point without the correction{result.at_level}; how far the load alone moves it, "
+        f"and how far off {own_cause(result)} put it without; the root mean square of the distance "
         "that is to be expected with it, from the covariance of the fit and the stated uncertainties of the load and "
         "of what was held at nominal; and what was added to each joint.",
     )
@@ -72,9 +72,9 @@ def compensation_section(result: Compensation) -> Section:
         yaxis=log_axis(1e3 * np.concatenate([result.uncorrected, result.sd])), xaxis={"type": "category"}
     )
     caption = (
-        "Diamonds: the distance from the target without a correction; circles: expected after it, on a logarithmic "
-        "scale. Look for targets whose circle is not much lower than the diamond: there the fit is too uncertain, and "
-        "more readings near that pose would help."
+        f"Diamonds: the distance from the target without a correction{result.at_level}; circles: expected after it, on "
+        "a logarithmic scale. Look for targets whose circle is not much lower than the diamond: there the fit is "
+        "too uncertain, and more readings near that pose would help."
     )
     worst = result.worst
     text = (

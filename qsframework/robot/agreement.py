@@ -47,12 +47,12 @@ def check_agreement(robot: Robot, file: Path, tree: pin.Model | None = None) -> 
         raise InputError([*problems[:-1], replace(problems[-1], hint=hint)])
 
 
-def spread_poses(lower: Array, upper: Array, count: int = POSES) -> Array:
-    """Pendant angles (count, n): each joint visits every part of its range once, in an order of its own.
+def spread_poses(lower: Array, upper: Array) -> Array:
+    """Pendant angles (5, n): each joint visits every part of its range once, in an order of its own.
 
     No random numbers: to import them takes longer than the whole check.
     """
-    joint, pose = np.arange(len(lower)), np.arange(count)[:, None]
+    joint, pose = np.arange(len(lower)), np.arange(POSES)[:, None]
     part = (pose * (1 + joint % (POSES - 1)) / POSES + _GOLDEN * (joint + 1)) % 1.0
     return lower + part * (upper - lower)
 

@@ -3,6 +3,7 @@
 from qsframework.hypotheses.catalogue.rows import LEVEL, WrongRows, doubled, masked
 from qsframework.hypotheses.outliers import SHARE, find_outliers, told_outliers
 from qsframework.screening.check import find_mistakes, find_slips
+from qsframework.screening.closure import state_findings
 from qsframework.screening.mistake import FILES, STAND_OUT, Mistake, adopted
 
 __all__ = [
@@ -18,5 +19,6 @@ __all__ = [
     "find_outliers",
     "find_slips",
     "masked",
+    "state_findings",
     "told_outliers",
 ]

@@ -15,9 +15,10 @@ import numpy as np
 
 from qsframework.errors import refuse
 from qsframework.estimation.tails import chi2_sf
-from qsframework.experiment import Experiment, Readings, differences
+from qsframework.experiment import Experiment, Readings, differences, read_readings
 from qsframework.experiment.columns import XYZ, Column, read_table
 from qsframework.experiment.differences import has_pairs
+from qsframework.experiment.finding import Finding
 from qsframework.experiment.readings_file import suggested
 from qsframework.experiment.readings_table import floor_file
 from qsframework.plugin import Array
@@ -32,12 +33,32 @@ _WORTH = 0.01
 
 @dataclass(frozen=True)
 class ClosureCheck:
-    """One thing looked at: its kind, whether it is as it should be (None: not measured), and what was found."""
+    """One thing looked at: its kind, whether it is as it should be (None: not measured), what was found, and what to do
+    where it is not."""
 
     kind: str
     good: bool | None
     words: str
     numbers: dict[str, float]
+    mend: str = ""
+
+    @property
+    def finding(self) -> Finding:
+        """The same as a fit keeps it: a note, which stops nothing."""
+        return Finding(self.kind.replace(" ", "_"), self.words, self.mend, stops=False)
+
+    @property
+    def said(self) -> str:
+        """What was found, and what to do."""
+        return f"{self.words}. {self.mend}" if self.good is False else self.words
+
+
+def state_findings(experiment: Experiment, readings: Readings) -> tuple[Finding, ...]:
+    """What the states of these readings are not as they should be in; those that were read as differences are read
+    again."""
+    if readings.sources and not readings.is_position.all():
+        readings = read_readings(readings.sources, experiment, "positions")
+    return tuple(check.finding for check in check_states(experiment, readings) if check.good is False)
 
 
 def check_states(experiment: Experiment, states: Readings) -> tuple[ClosureCheck, ...]:
@@ -75,7 +96,7 @@ class _Positions:
         self.unloaded: dict[_Visit, dict[int, Array]] = {}
         self.loaded: dict[_Load, dict[int, Array]] = {}
         self.wrench: dict[_Load, Array] = {}
-        for i in np.flatnonzero(readings.use).tolist():
+        for i in np.flatnonzero(readings.use & readings.is_position).tolist():
             m, marker = int(readings.plus[i]), int(readings.marker[i])
             key = (states.pose[m], states.series[m], int(states.repeat[m]), int(states.cycle[m]))
             if states.loaded[m]:
@@ -141,10 +162,8 @@ def _repeatability(table: _Positions) -> ClosureCheck:
         numbers[f"sd_mm between {name}"] = sd * 1e3
         parts.append(f"between {name} {_mm(sd)} per axis ({count} degrees of freedom; {table.expected(2.0 * share)})")
         good &= not _larger(squares, count, table.sigma, 2.0 * share)
-    advice = (
-        "" if good else ". More than the noise: settle longer, check reflectors and mounts, or state a larger noise"
-    )
-    return ClosureCheck("repeatability", good, "displacements differ " + ", ".join(parts) + advice, numbers)
+    mend = "More than the noise: settle longer, check reflectors and mounts, or state a larger noise."
+    return ClosureCheck("repeatability", good, "displacements differ " + ", ".join(parts), numbers, mend)
 
 
 def _returns(table: _Positions) -> list[tuple[tuple[str, str, int, int], int, Array, list[Array]]]:
@@ -181,9 +200,8 @@ def _closure(table: _Positions) -> ClosureCheck:
         f"after unloading the markers stand {_mm(rms)} per axis (RMS) from where they stood before "
         f"({table.expected(2.0)}); most, {_mm(largest)}, at pose {pose}, repeat {repeat}, cycle {cycle}"
     )
-    if not good:
-        words += ". More than the noise: the tracker or the base drifts, or friction holds the arm. Wait longer"
-    return ClosureCheck("closure", good, words, {"rms_mm": rms * 1e3, "largest_mm": largest * 1e3})
+    mend = "More than the noise: the tracker or the base drifts, or friction holds the arm. Wait longer."
+    return ClosureCheck("closure", good, words, {"rms_mm": rms * 1e3, "largest_mm": largest * 1e3}, mend)
 
 
 def _hysteresis(table: _Positions, name: str, later: bool) -> ClosureCheck | None:
@@ -203,9 +221,8 @@ def _hysteresis(table: _Positions, name: str, later: bool) -> ClosureCheck | Non
     sd = float(np.sqrt(max(spread, stated) / (d @ d)))
     good = not (abs(share) > 3.3 * sd and abs(share) > _WORTH)
     words = f"{name}: {100 * share:.2f} ± {100 * sd:.2f} % of the deflection stays after unloading"
-    if not good:
-        words += ". Preload once more before reading; friction or play that stays is a cause for qsf diagnose"
-    return ClosureCheck("hysteresis", good, words, {"share": share, "sd": sd})
+    mend = "Preload once more before reading; friction or play that stays is a cause for `qsf diagnose`."
+    return ClosureCheck("hysteresis", good, words, {"share": share, "sd": sd}, mend)
 
 
 def _linearity(table: _Positions) -> ClosureCheck:
@@ -241,9 +258,8 @@ def _linearity(table: _Positions) -> ClosureCheck:
         f"{100 * ratio:.0f} % of a load gives {abs(100 * share):.2f} ± {100 * sd:.2f} % {side} than "
         f"{100 * ratio:.0f} % of the deflection ({count} pairs)"
     )
-    if not good:
-        words += ". The springs are not linear, or there is play: look with qsf diagnose before trusting a linear fit"
-    return ClosureCheck("linearity", good, words, {"share": share, "sd": sd, "pairs": float(count)})
+    mend = "The springs are not linear, or there is play: look with `qsf diagnose` before trusting a linear fit."
+    return ClosureCheck("linearity", good, words, {"share": share, "sd": sd, "pairs": float(count)}, mend)
 
 
 def _drives(states: Readings) -> ClosureCheck:
@@ -255,8 +271,8 @@ def _drives(states: Readings) -> ClosureCheck:
     counts = {d: used.count(d) for d in dict.fromkeys(used)}
     good = len(counts) == 1
     words = ", ".join(f"{d}: {n} rows" for d, n in counts.items())
-    words += "" if good else ". Readings in different drive states are of different arms: fit them apart"
-    return ClosureCheck("drive state", good, words, {d: float(n) for d, n in counts.items()})
+    mend = "Readings in different drive states are of different arms: fit them apart."
+    return ClosureCheck("drive state", good, words, {d: float(n) for d, n in counts.items()}, mend)
 
 
 def _floor(experiment: Experiment, path: Path, sigma: float | None) -> ClosureCheck:
@@ -288,6 +304,5 @@ def _floor(experiment: Experiment, path: Path, sigma: float | None) -> ClosureCh
     largest, where = max(((float(np.linalg.norm(shift)), name) for shift, name in shifts), key=lambda s: s[0])
     good = not _larger(*_spread(by_reflector), sigma)
     words = f"reflectors on the floor moved by {_mm(rms)} per axis (RMS), most {_mm(largest)}: {where}"
-    if not good:
-        words += ". More than the noise: the tracker or its stand moved; start a new series there"
-    return ClosureCheck("floor", good, words, {"rms_mm": rms * 1e3, "largest_mm": largest * 1e3})
+    mend = "More than the noise: the tracker or its stand moved; start a new series there."
+    return ClosureCheck("floor", good, words, {"rms_mm": rms * 1e3, "largest_mm": largest * 1e3}, mend)

@@ -20,8 +20,7 @@ from qsframework.arguments import checked
 from qsframework.elastostatics import Model, actuator_torques, equilibrium, range_notes
 from qsframework.errors import InputError, NotConverged, Problem, refuse, some_of
 from qsframework.experiment import Experiment, Frame
-from qsframework.experiment.account import Account
-from qsframework.experiment.frames import procrustes
+from qsframework.experiment.account import Account, flange_places
 from qsframework.files import as_file
 from qsframework.fits import FitRecord
 from qsframework.fits.soundness import check_fit
@@ -29,7 +28,6 @@ from qsframework.option import check_choice
 from qsframework.plans.programme import overloads
 from qsframework.plugin import Array, Indices, Load, Poses
 from qsframework.plugin.facts import frozen
-from qsframework.robot.agreement import spread_poses
 from qsframework.units import JointUnits
 from qsframework.uses.inverse import (
     TipPose,
@@ -40,7 +38,7 @@ from qsframework.uses.inverse import (
     rigid_jacobian,
     rigid_tip,
 )
-from qsframework.uses.levels import Levels, levels_of, tip_slope
+from qsframework.uses.levels import LEVELS, Levels, levels_of, tip_slope
 from qsframework.uses.options import Reference
 from qsframework.uses.targets import Targets
 from qsframework.viewed import Viewed
@@ -52,6 +50,9 @@ _SHARE = 1e-3
 _BLOCK = 64
 _BEYOND = 1.2
 """Times the largest measured load from which a target is said to lie beyond it."""
+_AROUND = 0.1
+"""Of the diagonal of the box that the measured places of the flange fill: farther outside, a target is said to lie
+beyond the workspace. A few dozen poses leave about so much of a workspace beyond the outermost ones."""
 _SEEN = 1e-6
 """m by which a natural size of what was held must move the tip to be worth a word."""
 _NOTHING = 1e-12
@@ -67,15 +68,16 @@ class Compensation(Viewed):
     command: the pose that a controller with Cartesian targets is to be told
     deflection (N, 6): from the wanted pose to where the arm would stand uncorrected, m and rad
     own (N, 6): the part of it that the arm's own weight, its balancers and its geometry make without the wrench
-    uncorrected (N,): distance m from the wanted place without a correction, at the level of the held-out error: in the
-    base frame, or, where the instrument's frame was estimated, after the motion that suits the whole workspace best
+    level: of `LEVELS`, at which the held-out error, and so all distances and errors, are taken: after the best frame
+    where that of the instrument was estimated, after the best frame and tool where all places of markers were, too
+    absorbed (N, 6): the part of `own` that this frame and tool take up
     left (N, 6): as `deflection` after the correction, by the same parameters; kept (N,): targets that keep their
     commanded pose, because their error would not become smaller
-    covariance (N, 6, 6): of the tip's error after the correction, in the base frame, or after the best frame where that
-    of the instrument was estimated: from the fit's covariance, what held-out poses are off beyond the noise, and the
-    uncertainties of the campaign's load and of what was held at nominal values; noise_covariance: of noise alone
-    base_sd, tool_sd (N,): as `sd`, in the base frame, and after the best frame and tool, where the instrument's frame
-    was estimated; None where it was not. base_sd: nor where nobody states how well what that frame absorbs is known
+    covariance (N, 6, 6): of the tip's error after the correction: from the fit's covariance, what held-out poses are
+    off beyond the noise, and the uncertainties of the campaign's load and of what was held at nominal values;
+    noise_covariance: of noise alone
+    sds: as `sd` (N,), at "base", "frame" and "tool", where the instrument's frame was estimated; at "base" not where
+    nobody states how well what that frame absorbs is known
     account: that of the fit
     """
 
@@ -85,16 +87,26 @@ class Compensation(Viewed):
     command: TipPose
     deflection: Array
     own: Array
-    uncorrected: Array
+    level: int
+    absorbed: Array
     left: Array
     kept: npt.NDArray[np.bool_]
     covariance: Array
     noise_covariance: Array
-    base_sd: Array | None = None
-    tool_sd: Array | None = None
+    sds: dict[str, Array]
     notes: tuple[str, ...] = ()
     reference: str = "commanded"
     account: Account
+
+    @property
+    def at_level(self) -> str:
+        """At which level distances and errors are, a clause; none where they are of the deflection under load."""
+        return f"; {LEVELS[self.level]}" if self.account.positions and self.reference == "commanded" else ""
+
+    @property
+    def uncorrected(self) -> Array:
+        """Distance (N,) m from the wanted place without a correction."""
+        return np.asarray(np.linalg.norm((self.deflection - self.absorbed)[:, :3], axis=1))
 
     @property
     def of_load(self) -> Array:
@@ -104,7 +116,7 @@ class Compensation(Viewed):
     @property
     def of_own(self) -> Array:
         """Distance (N,) m by which own weight, balancers and geometry alone move the tip."""
-        return np.asarray(np.linalg.norm(self.own[:, :3], axis=1))
+        return np.asarray(np.linalg.norm((self.own - self.absorbed)[:, :3], axis=1))
 
     @property
     def sd(self) -> Array:
@@ -142,15 +154,15 @@ class Compensation(Viewed):
                 "solver_left_mm": float(np.linalg.norm(self.left[i, :3]) * 1e3),
                 "expected_error_mm": float(self.sd[i] * 1e3),
                 "of_noise_mm": float(self.noise_sd[i] * 1e3),
-                **({} if self.base_sd is None else {"expected_error_base_mm": float(self.base_sd[i] * 1e3)}),
-                **({} if self.tool_sd is None else {"expected_error_tool_mm": float(self.tool_sd[i] * 1e3)}),
+                **{f"expected_error_{of}_mm": float(sd[i] * 1e3) for of, sd in self.sds.items()},
                 "sd_mm": (axes[i] * 1e3).tolist(),
                 "expected_error_mrad": float(self.turn_sd[i] * 1e3),
             }
             for i, name in enumerate(self.targets.name)
         ]
         worst = {"target": self.targets.name[self.worst], "expected_error_mm": float(self.sd[self.worst] * 1e3)}
-        return {"targets": rows, "largest": worst, "account": as_file(self.account), "notes": list(self.notes)}
+        level, account = self.at_level.lstrip("; ") or "deflection under load", as_file(self.account)
+        return {"level": level, "targets": rows, "largest": worst, "account": account, "notes": list(self.notes)}
 
 
 @checked
@@ -205,19 +217,22 @@ def compensate(
         parts.append(_block(experiment, fit, x, targets, part, reference, levels))
         if tell is not None:
             tell("targets", int(part[-1]) + 1, len(targets))
-    pendant, deflection, own, left, spread, noise, open_ = (np.concatenate(a) for a in zip(*parts, strict=True))
+    pendant, deflection, own, left, spread, noise, open_, absorbed = map(np.concatenate, zip(*parts, strict=True))
     spread[:, :, :3, :3] += fit.lack**2 / 3.0 * np.eye(3)
-    covariance = spread[:, int(framed)]
-    uncorrected = _uncorrected(experiment, fit, x, deflection, targets, reference)
+    level = framed * (1 + (len(fit.account.tool) >= 3 * len(experiment.markers)))
+    covariance, absorbed = spread[:, level], absorbed[:, level]
     whole = path or framed  # targets that stay beside others that move would not lie in one frame
-    kept = np.zeros(len(targets), dtype=bool) if anyway else _kept(targets, uncorrected, _distance(covariance), whole)
+    before = np.linalg.norm((deflection - absorbed)[:, :3], axis=1)
+    kept = np.zeros(len(targets), dtype=bool) if anyway else _kept(before, _distance(covariance), whole)
     pendant, left = np.where(kept[:, None], targets.pendant, pendant), np.where(kept[:, None], deflection, left)
     _check_corrected(experiment, targets, pendant, deflection, left, kept)
     command = rigid_tip(experiment.robot, experiment.load_site, experiment.robot.controller.to_joints(pendant))
     stood = poses_at(experiment.robot, pendant, targets.wrench)
-    exact, open_in_base = _not_counted(experiment, fit, open_, framed)
-    base_sd = _distance(spread[:, 0]) if framed and not open_in_base else None
-    notes = (*doubted, *_scope(fit, base_sd, open_in_base), *fit_notes(experiment, fit, exact))
+    exact, open_in_base = _not_counted(experiment, fit, open_, level)
+    sds = {of: _distance(spread[:, k]) for k, of in enumerate(("base", "frame", "tool")) if framed}
+    if open_in_base:
+        sds.pop("base", None)
+    notes = (*doubted, *_scope(fit, sds, open_in_base), *fit_notes(experiment, fit, exact))
     notes += (*_beyond_notes(fit.account, targets, experiment), *range_notes(model, stood, targets.name, x))
     if kept.any():
         names = some_of([n for n, still in zip(targets.name, kept, strict=True) if still])
@@ -229,40 +244,24 @@ def compensate(
         command=command,
         deflection=deflection,
         own=own,
-        uncorrected=uncorrected,
+        level=level,
+        absorbed=absorbed,
         left=left,
         kept=kept,
         covariance=covariance,
-        noise_covariance=noise[:, int(framed)],
-        base_sd=base_sd,
-        tool_sd=_distance(spread[:, 2]) if framed else None,
+        noise_covariance=noise[:, level],
+        sds=sds,
         notes=notes,
         reference=reference,
         account=fit.account,
     )
 
 
-def _uncorrected(
-    experiment: Experiment, fit: FitRecord, x: Array, deflection: Array, targets: Targets, reference: str
-) -> Array:
-    """Distance (N,) m from the wanted places without a correction; in the frame of an instrument that was estimated,
-    after the rigid motion that suits the arm without a load best over its whole range of joints."""
-    if _series(fit) is None or reference == "unloaded":
-        return np.asarray(np.linalg.norm(deflection[:, :3], axis=1))
-    robot = experiment.robot
-    pendant = spread_poses(robot.controller.lower, robot.controller.upper)
-    q = robot.controller.to_joints(pendant)
-    stands = equilibrium(experiment.model(), poses_at(robot, pendant, np.zeros((len(q), 6))), x, loaded=False).tip
-    moved = procrustes(stands, rigid_tip(robot, experiment.load_site, q).position)
-    wanted = targets.wanted.position
-    return np.asarray(np.linalg.norm(moved.apply(wanted + deflection[:, :3]) - wanted, axis=1))
-
-
-def _kept(targets: Targets, uncorrected: Array, expected: Array, together: bool) -> npt.NDArray[np.bool_]:
+def _kept(uncorrected: Array, expected: Array, together: bool) -> npt.NDArray[np.bool_]:
     """Targets (N,) whose expected error, m, is not below the uncorrected one; together all or none. InputError where
     all are."""
     sizes = [float(np.sqrt(np.mean(np.square(size)))) for size in (uncorrected, expected)]
-    kept = np.full(len(targets), not sizes[1] < sizes[0]) if together else ~(expected < uncorrected)
+    kept = np.full(len(expected), not sizes[1] < sizes[0]) if together else ~(expected < uncorrected)
     if kept.all():
         raise InputError(
             Problem(
@@ -276,28 +275,35 @@ def _kept(targets: Targets, uncorrected: Array, expected: Array, together: bool)
 
 
 def _beyond_notes(account: Account, targets: Targets, experiment: Experiment) -> Iterator[str]:
-    """Targets beyond the loads and the angles of the readings."""
+    """Targets beyond the loads, the angles and the workspace of the readings."""
+
+    def named(which: Array) -> str:
+        return some_of([targets.name[i] for i in np.flatnonzero(which)])
+
     for what, part, most in (("force", slice(3), account.force), ("moment", slice(3, 6), account.moment)):
         size = np.linalg.norm(targets.wrench[:, part], axis=1)
-        far = np.flatnonzero(size > _BEYOND * most)
-        if len(far):
-            names, unit = some_of([targets.name[i] for i in far]), "N" if what == "force" else "N m"
-            yield f"beyond the {what} of the readings, {most:.4g} {unit}: {size.max():.4g} {unit} at {names}"
+        far = size > _BEYOND * most
+        if far.any():
+            unit = "N" if what == "force" else "N m"
+            yield f"beyond the {what} of the readings, {most:.4g} {unit}: {size.max():.4g} {unit} at {named(far)}"
     low, high = np.array(account.angles).reshape(-1, 2).T
     outside = (targets.pendant < low) | (targets.pendant > high)
-    joints = [
-        f"{joint} at {some_of([targets.name[i] for i in np.flatnonzero(far)])}"
-        for joint, far in zip(experiment.robot.facts.driven, outside.T, strict=True)
-        if far.any()
-    ]
+    columns = zip(experiment.robot.facts.driven, outside.T, strict=True)
+    joints = [f"{joint} at {named(far)}" for joint, far in columns if far.any()]
     if joints:
         yield f"beyond the angles of the readings: {'; '.join(joints)}"
+    low, high = np.array(account.flange).T
+    places = flange_places(experiment, experiment.robot.controller.to_joints(targets.pendant))
+    around = _AROUND * np.linalg.norm(high - low)
+    far = np.any((places < low - around) | (places > high + around), axis=1)
+    if far.any():
+        yield f"flange over {1e3 * around:.0f} mm outside the box of its measured places: {named(far)}"
 
 
-def _not_counted(experiment: Experiment, fit: FitRecord, open_: Array, framed: bool) -> tuple[list[str], list[str]]:
-    """Names of what was held at nominal values and nobody states an sd of: what moves the tip (N, 3, h) after the best
-    frame, where that of the instrument was estimated, and what does in the base frame."""
-    moves = np.any(open_ > _SEEN, axis=0)[[int(framed), 0]]
+def _not_counted(experiment: Experiment, fit: FitRecord, open_: Array, level: int) -> tuple[list[str], list[str]]:
+    """Names of what was held at nominal values and nobody states an sd of: what moves the tip (N, 3, h) at this level,
+    and what does in the base frame."""
+    moves = np.any(open_ > _SEEN, axis=0)[[level, 0]]
     own = [h.name for h, seen in zip(fit.held, moves[0], strict=True) if seen]
     given = (p.name for p in experiment.model().parameters if not p.by_name)
     others = {*fit.names, *(h.name for h in fit.held)}
@@ -305,13 +311,15 @@ def _not_counted(experiment: Experiment, fit: FitRecord, open_: Array, framed: b
     return own, [h.name for h, both in zip(fit.held, moves.T, strict=True) if both[1]]
 
 
-def _scope(fit: FitRecord, base_sd: Array | None, absorbed: Sequence[str]) -> tuple[str, ...]:
-    """Of what the expected errors are, as notes."""
+def _scope(fit: FitRecord, sds: dict[str, Array], absorbed: Sequence[str]) -> tuple[str, ...]:
+    """Of what the expected errors are, which are `sds` at the three levels, as notes."""
     base = "in the base frame they are not known"
     if absorbed:
         base += f", for nobody states how well {some_of(absorbed)} {'is' if len(absorbed) == 1 else 'are'}"
-    elif base_sd is not None:
-        base = f"in the base frame up to {1e3 * base_sd.max():.3f} mm is to be expected"
+    elif sds:
+        base = f"in the base frame up to {1e3 * sds['base'].max():.3f} mm is to be expected"
+    if sds and fit.account.tool:
+        base += f", with a tool that nobody measured up to {1e3 * sds['frame'].max():.3f} mm after the best frame"
     return tuple(said.rstrip(".") for said in fit.account.scope(base))
 
 
@@ -358,8 +366,8 @@ def _block(
     reference: str,
     levels: Levels | None,
 ) -> tuple[Array, ...]:
-    """Corrected angles, deflection, its part without the wrench, what is left, and `_spread` at each level, of some
-    targets."""
+    """Corrected angles, deflection, its part without the wrench, what is left, and at each level `_spread` and what is
+    absorbed of the part without the wrench, of some targets."""
     model, robot = experiment.model(), experiment.robot
     wrench, start = targets.wrench[part], targets.pendant[part]
 
@@ -384,9 +392,10 @@ def _block(
     slope = tip_slope(model, names, x, lambda v: stand(pendant, v))
     measured = 0 if reference == "unloaded" else len(names) if fit.account.positions else len(fit.names)
     slope[..., measured:] -= tip_slope(model, names[measured:], x, lambda v: stand(start, v, False))
+    slope = np.concatenate([slope, bare[:, :, None]], axis=2)
     slopes = (slope,) * 3 if levels is None else levels.of(slope, stand(pendant, x))
-    spread = (np.stack(parts, axis=1) for parts in zip(*(_spread(model, fit, own) for own in slopes), strict=True))
-    return pendant, deflection, bare, error, *spread
+    every = [(*_spread(model, fit, own[..., :-1]), bare - own[..., -1]) for own in slopes]
+    return pendant, deflection, bare, error, *(np.stack(parts, axis=1) for parts in zip(*every, strict=True))
 
 
 def _spread(model: Model, fit: FitRecord, slope: Array) -> tuple[Array, Array, Array]:

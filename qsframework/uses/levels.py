@@ -18,40 +18,44 @@ from qsframework.experiment import Experiment
 from qsframework.experiment.account import Account
 from qsframework.information.absorbed import FRAME, TOOL, Absorbed, absorbed, tip_motions
 from qsframework.plugin import Array
-from qsframework.robot.agreement import spread_poses
-from qsframework.uses.inverse import TipPose, pose_error, poses_at
+from qsframework.uses.inverse import TipPose, pose_error, poses_at, rigid_tip
 
 _POSES = 32
 """Poses over which frame and tool suit: nine numbers of 96."""
+LEVELS = "in the base frame", "after the best frame", "after the best frame and tool"
 _STEP = 1e-2
 """Of a parameter's size."""
 
 
 @dataclass(frozen=True, eq=False)
 class Levels:
-    """What the best frame, and the best frame and tool, take up of the parameters."""
+    """What the best frame, and the best frame and tool, take up of the parameters and, the last column, of the error of
+    the unloaded arm."""
 
     frame: Absorbed
     both: Absorbed
 
     def of(self, slope: Array, tip: TipPose) -> tuple[Array, Array, Array]:
-        """Slopes (N, 6, p) of the tip by the parameters, at the three levels."""
+        """What is left at the three levels of columns (N, 6, p + 1): d tip / d parameters, and that error."""
         moved = tip_motions(tip.position, tip.rotation)
         return slope, self.frame.left(slope, moved), self.both.left(slope, moved)
 
 
 def levels_of(experiment: Experiment, account: Account, names: Sequence[str], x: Array, wrench: Array) -> Levels:
-    """What frame and tool take up of the parameters of these names, at values x of all (q,), under wrenches (N, 6)."""
+    """What frame and tool take up of the parameters of these names, at values x of all (q,), under wrenches (N, 6), and
+    of the error of the unloaded arm."""
     robot, model = experiment.robot, experiment.model()
     low, high = np.array(account.angles).reshape(-1, 2).T
-    pendant = spread_poses(low, high, _POSES)
+    pendant = np.random.default_rng(0).uniform(low, high, (_POSES, len(low)))
     poses = poses_at(robot, pendant, np.resize(wrench, (len(pendant), 6)))
 
     def stand(values: Array) -> TipPose:
         found = equilibrium(model, poses, values, loaded=True)
         return TipPose(found.tip, found.tip_rotation)
 
-    slope, tip = tip_slope(model, names, x, stand)[:, :3], stand(x)
+    tip, off = stand(x), equilibrium(model, poses, x, loaded=False).tip
+    off = off - rigid_tip(robot, experiment.load_site, poses.q).position
+    slope = np.concatenate([tip_slope(model, names, x, stand)[:, :3], off[:, :, None]], axis=2)
     moved = tip_motions(tip.position, tip.rotation)[:, :3]
     return Levels(absorbed(slope, moved, FRAME), absorbed(slope, moved, FRAME + TOOL))
 

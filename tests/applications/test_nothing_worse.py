@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import csv
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from heavy_arm import at_levels, rms
+from typer.testing import CliRunner
 
+from qsframework.cli.app import app
+from qsframework.elastostatics import Site, equilibrium
 from qsframework.errors import InputError
-from qsframework.experiment import Experiment
+from qsframework.experiment import Experiment, example, load_experiment, make_plan, simulate, write_readings
 from qsframework.fits import FitRecord
-from qsframework.plugin import Array
+from qsframework.plans import generate_candidates
+from qsframework.plugin import Array, Poses
 from qsframework.uses.compensate import Compensation, compensate
 from qsframework.uses.inverse import rigid_tip
 from qsframework.uses.targets import Targets, joint_targets
@@ -101,3 +109,81 @@ def test_targets_beyond_the_readings_are_said(m900ib: Experiment) -> None:
     assert "beyond the force of the readings, 4000 N: 5000 N at t03, t04" in notes
     assert f"beyond the angles of the readings: joint_1 at {', '.join(far)}" in notes
     assert not any("beyond the" in note for note in deflected(m900ib, fit).notes)
+
+
+def test_targets_beyond_the_measured_workspace_are_said(m900ib: Experiment) -> None:
+    """The box of the flange's measured places, enlarged by a tenth of its diagonal."""
+    fit, targets, robot = vague(m900ib, 1e-3), both(m900ib), m900ib.robot
+    site = Site(robot.flange.link, robot.flange.placement[:3, 3])
+    places = rigid_tip(robot, site, robot.controller.to_joints(targets.pendant)).position
+    low, high = places.min(axis=0), places.max(axis=0)
+    for beyond, said in ((0.09, False), (0.13, True)):  # of the diagonal, along x
+        short = (high - low) - [beyond * float(np.linalg.norm(high - low)), 0.0, 0.0]
+        box = tuple(zip(low.tolist(), (low + short).tolist(), strict=True))
+        notes = deflected(m900ib, replace(fit, account=replace(fit.account, flange=box))).notes
+        name = targets.name[int(np.argmax(places[:, 0]))]
+        assert any(f"outside the box of its measured places: {name}" in note for note in notes) == said
+
+
+def campaign(share: float, count: int, folder: Path) -> tuple[Experiment, Array]:
+    """The arm of examples/geometry with this share of errors drawn by their typical size, measured at some poses."""
+    experiment = load_experiment(example("geometry") / "experiment.yaml")
+    plan = make_plan(posed(experiment, count, 0), [""] * count, station=["front"] * count)
+    nominal, drawn = (simulate(experiment, plan, truth=truth, seed=1).x for truth in ("nominal", "drawn"))
+    x = nominal + share * (drawn - nominal)
+    write_readings(folder / "readings.csv", simulate(experiment, plan, x, seed=1).readings, experiment)
+    return experiment, x
+
+
+def posed(experiment: Experiment, count: int, seed: int) -> Poses:
+    pendant = generate_candidates(experiment, count, seed=seed).pendant
+    return Poses(pendant, experiment.robot.controller.to_joints(pendant), np.zeros((count, 6)))
+
+
+def compensated(share: float, count: int, folder: Path, *more: str) -> tuple[str, list[Array]]:
+    """What `qsf compensate` says of 30 targets, and the real errors of the arm there (30,) m, after the best frame and
+    tool, before and, where it corrects, after it."""
+    experiment, x = campaign(share, count, folder)
+    poses, joints = posed(experiment, 30, 7), [f"q{k}_deg" for k in range(1, 7)]
+    fit, targets, corrected = folder / "fit.json", folder / "targets.csv", folder / "corrected.csv"
+    np.savetxt(targets, np.rad2deg(poses.pendant), delimiter=",", header=",".join(joints), comments="")
+    run = CliRunner().invoke(app, ["identify", str(experiment.path), str(folder / "readings.csv"), "--json", str(fit)])
+    assert run.exit_code == 0
+    names = [experiment.path, fit, targets, "-o", corrected, "--json", f"{fit}.json", *more]
+    run = CliRunner().invoke(app, ["compensate", *map(str, names)])
+    commanded = [poses.pendant]
+    if run.exit_code == 0:
+        rows = [line for line in corrected.read_text().splitlines() if not line.startswith("#")]
+        commanded.append(np.deg2rad([[float(row[j]) for j in joints] for row in csv.DictReader(rows)]))
+    wanted, errors = rigid_tip(experiment.robot, experiment.load_site, poses.q).position, list[Array]()
+    for pendant in commanded:
+        q = experiment.robot.controller.to_joints(pendant)
+        found = equilibrium(experiment.model(), Poses(pendant, q, poses.wrench), x, loaded=False)
+        errors.append(at_levels(found.tip, found.tip_rotation, wanted)["tool"])
+    assert corrected.exists() == (len(errors) == 2)
+    return " ".join(f"{run.output} {run.exception}".split()), errors
+
+
+def test_the_real_error_falls_at_the_level_of_the_held_out_error(tmp_path: Path) -> None:
+    """The places of the reflectors were estimated: what is compared, and said, is after the best frame and tool."""
+    words, (before, after) = compensated(0.5, 45, tmp_path)
+    result = json.loads((tmp_path / "fit.json.json").read_text())
+    assert result["level"] == "after the best frame and tool"
+    assert "(largest, predicted; after the best frame and tool; before: " in words
+    assert "in the base frame up to 1." in words
+    expected, uncorrected = (
+        1e-3 * np.array([row[name] for row in result["targets"]]) for name in ("expected_error_mm", "uncorrected_mm")
+    )
+    assert rms(after) < 0.1 * rms(before)
+    assert 0.5 < rms(after) / rms(expected) < 1.3
+    assert 0.7 < rms(before) / rms(uncorrected) < 1.3
+    assert all(row["expected_error_base_mm"] > 1.0 > row["expected_error_frame_mm"] for row in result["targets"])
+
+
+def test_six_poses_make_a_good_arm_no_better(tmp_path: Path) -> None:
+    """A twentieth of the errors: what is expected after it is not below what is uncorrected, and nothing is written."""
+    words, errors = compensated(0.05, 6, tmp_path)
+    assert "no correction: it would make the targets no better" in words
+    assert len(errors) == 1
+    _, (before, after) = compensated(0.05, 6, tmp_path, "--anyway")
+    assert rms(after) > rms(before)

@@ -24,6 +24,7 @@ from qsf_day.protocol import (
 from qsf_day.sheet import Commands, SheetFiles, write_sheet
 from qsf_day.sketch import hull, sketches
 from qsframework.cli.app import app
+from qsframework.diagnoses import diagnose
 from qsframework.elastostatics import Site
 from qsframework.errors import InputError
 from qsframework.experiment import (
@@ -37,10 +38,13 @@ from qsframework.experiment import (
     read_readings,
     write_plan,
 )
-from qsframework.fits import identify
+from qsframework.fits import identify, read_fit, write_fit
+from qsframework.fits.soundness import check_fit
 from qsframework.plans.ordering import with_repeats
 from qsframework.plans.programme import make_programme
 from qsframework.plugin import Array, Poses
+from qsframework.report.words.fit import first_words
+from qsframework.report.words.headline import headline
 from qsframework.robot import load_robot
 from qsframework.screening.closure import ClosureCheck, check_states
 from qsframework.uses.inverse import rigid_tip
@@ -226,13 +230,33 @@ def test_a_bad_day_is_told(
 ) -> None:
     found = checks(m900ib, fill(m900ib, protocol, tmp_path, spoil))
     assert found[blamed].good is False
-    assert re.search(words, found[blamed].words)
+    assert re.search(words, found[blamed].said)
     if spoil is hardening:
         numbers = found["linearity"].numbers
         assert numbers["share"] == pytest.approx(0.1, abs=4 * numbers["sd"])
         assert found["closure"].good
     if spoil is sticking:
         assert found["hysteresis later cycles"].good
+
+
+def test_a_bad_day_travels_with_the_fit_as_a_note(m900ib: Experiment, protocol: Protocol, tmp_path: Path) -> None:
+    """identify and diagnose begin with it, whatever uses the fit repeats it and goes on; it cannot be taken out."""
+    path = fill(m900ib, protocol, tmp_path, sticking)
+    readings = read_readings(path, m900ib)
+    assert not readings.is_position.any(), "read as differences, which hold no return to zero"
+    fit = identify(m900ib, readings)
+    notes = [f for f in fit.account.findings if f.name == "hysteresis"]
+    assert [f.words.partition(":")[0] for f in notes] == ["first cycle"]
+    assert not fit.account.stopping
+    assert any(line.startswith("Look at hysteresis: first cycle") for line in first_words(fit))
+    found = diagnose(m900ib, readings, largest=0, repeats=1)
+    assert headline(found).startswith("Look first at the ")
+    assert "hysteresis: first cycle" in headline(found)
+    kept = read_fit(write_fit(fit, tmp_path / "fit.json"))
+    assert any(note.startswith("hysteresis: first cycle") for note in check_fit(kept, m900ib.robot, m900ib, readings))
+    without = replace(kept, account=replace(kept.account, findings=()))
+    with pytest.raises(InputError, match="what was found wrong in its readings and files"):
+        check_fit(without, m900ib.robot, m900ib, readings)
 
 
 def test_the_hysteresis_is_the_share_that_stays(m900ib: Experiment, protocol: Protocol, tmp_path: Path) -> None:
@@ -270,7 +294,7 @@ def test_the_floor(m900ib: Experiment, protocol: Protocol, tmp_path: Path) -> No
         floor_file(path).write_text("\n".join([lines[0], *body]) + "\n")
         floor = checks(m900ib, path)["floor"]
         assert floor.good is good
-    assert "start a new series there" in floor.words
+    assert "start a new series there" in floor.said
     assert floor.numbers["largest_mm"] == pytest.approx(0.3, abs=0.15)
     floor_file(path).write_text("visit,reflector,x_mm,y_mm,z_mm\n1,floor_1,1,2,oops\n")
     with pytest.raises(InputError, match=r"readings_floor.csv, line 2, column z_mm: cannot be used; found 'oops'"):
@@ -293,7 +317,7 @@ def test_drive_states(m900ib: Experiment, protocol: Protocol, tmp_path: Path) ->
     path.write_text("\n".join(x.replace("servo", "brake") if x.startswith(f"{pose},") else x for x in lines))
     found = checks(m900ib, path)["drive state"]
     assert found.good is False
-    assert "fit them apart" in found.words
+    assert "fit them apart" in found.said
     path.write_text("\n".join(x.replace("servo", "") for x in lines))
     assert checks(m900ib, path)["drive state"].good is None
 

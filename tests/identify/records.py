@@ -42,6 +42,7 @@ def record(
             force=1e6,
             moment=1e6,
             angles=((-7.0, 7.0),) * experiment.robot.controller.axes,
+            flange=((-9.0, 9.0),) * 3,
             rigid=experiment.rigid,
             simulated=True,
             description=description(experiment.robot, experiment),

@@ -28,8 +28,8 @@ def compensation_verdict(result: Compensation) -> Verdict:
     before = mm(result.uncorrected.max())
     said = (
         f"{moved} of {len(names)} target{'s' if len(names) > 1 else ''} corrected: {before} \u2192 "
-        f"{mm(result.sd[worst])} mm (largest, predicted; before: {mm(result.of_load.max())} by the load, "
-        f"{mm(result.of_own.max())} by {own_cause(result)}; after: target {names[worst]})"
+        f"{mm(result.sd[worst])} mm (largest, predicted{result.at_level}; before: {mm(result.of_load.max())} by the "
+        f"load, {mm(result.of_own.max())} by {own_cause(result)}; after: target {names[worst]})"
     )
     if weak:
         mark, word = Mark.LOOK, "Corrected, but the fit is too uncertain for some"
