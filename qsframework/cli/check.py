@@ -143,8 +143,8 @@ def experiment_lines(experiment: Experiment, readings: Readings) -> list[Line]:
     mistakes = find_mistakes(experiment, readings)
     told = [c for c in mistakes if c.told and c.file != FILES]
     lines += [(None if c.name in STAND_OUT or not c.stops else False, c.title, c.words) for c in told]
-    try:
-        fit = fit_readings(experiment, readings)
+    try:  # states may be used as differences, as they are fitted
+        fit = fit_readings(experiment, read_readings(readings.sources, experiment) if readings.sources else readings)
     except QsfError as error:
         return [*lines, (False, "fit", str(error))]
     return [*lines, *_of_fit(fit, mistakes)]
