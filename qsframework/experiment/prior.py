@@ -49,7 +49,7 @@ def priors_of(model: Model, readings: Readings | None = None) -> Priors:
 def springs_of(model: Model) -> set[str]:
     """Names of the springs of joints, links and balancers: what a campaign is there to tell."""
     springs = model.names_of(Spring) | model.names_of(ParallelSpring)
-    return {p.name for p in model.parameters if p.name in springs and not p.by_name}
+    return {p.name for p in model.parameters if p.name in springs and not (p.by_name or p.modifies)}
 
 
 def families(model: Model, names: Sequence[str]) -> dict[str, tuple[str, str]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from arm import random_poses, settled
 from test_joint import displacements
 
@@ -84,7 +85,9 @@ def test_what_nobody_states_is_estimated_or_stands_beside_each_estimate(m900ib: 
             off = [(e.value - was.get(e.name, UP)) / sd for e, sd in zip(fit.estimates, sds, strict=True)]
             worst.setdefault(what, []).append(float(np.abs(off).max()))
         assert found.chi2 < 1.3 * found.dof
-        assert f"{SPRINGS[1]}.bearing" in found.names
+        told = {e.name: e for e in found.estimates}[f"{SPRINGS[1]}.bearing"]
+        assert told.prior_sd == pytest.approx(0.1 * m900ib.robot.facts.sizes.reach)
+        assert told.counted_sd is not None
         assert f"most by {SPRINGS[0]}.bearing" in fit_table(held).caption
         assert "bearing" not in fit_table(right).caption
     assert min(worst["noise"]) > 6.0
