@@ -29,7 +29,7 @@ from qsframework.estimation import rms
 from qsframework.experiment import Experiment, Readings, make_rows
 from qsframework.experiment.account import account_of
 from qsframework.experiment.before import errors_before
-from qsframework.fits.findings import noise_findings, of_whole_table
+from qsframework.fits.findings import noise_findings, unexplained
 from qsframework.fits.pose_spread import check_pose_spread
 from qsframework.hypotheses.exact_refit import SettledFit
 from qsframework.hypotheses.search.cross_validation import HeldOut
@@ -127,9 +127,8 @@ def _told(
     account = account_of(base.experiment, base.rows, base.fit.names)
     errors, sigma = _errors(base, extended, held, given, audit), rms(base.start.sigma[base.rows.mask])
     told = [m for m in mistakes if m.told]
-    noise = noise_findings(sigma, audit.unit, (errors.nominal, errors.heldout_extended))
-    of_noise = noise if audit.stated and not of_whole_table(told) else ()
-    wrong = (*(m.finding for m in told), *of_noise, *state_findings(*given))
+    noise = noise_findings(sigma, audit.unit, (errors.nominal, errors.heldout_extended)) if audit.stated else ()
+    wrong = (*(m.finding for m in told), *unexplained(told, noise), *state_findings(*given))
     return Diagnosis(
         account=replace(account, causes=tuple(f.name for f in findings if not f.doubtful), findings=wrong),
         experiment=base.experiment,

@@ -188,8 +188,8 @@ class _Builder:
             mine = [v for v in virtual if self.facts.link_index(v.link) == k + 1]
             on_link = [v for v in mine if v.link in self.facts.links]
             along = (self.facts.bearings[k] or 0.0) * self.facts.axes[k]  # where its bearing tilts
-            tilting = [v for v in on_link if v.side == "before"]
-            here = self._add_virtual(tilting, here @ homogeneous(np.eye(3), along)) @ homogeneous(np.eye(3), -along)
+            before = [v for v in on_link if v.side == "before"]
+            here = self._add_virtual(before, here @ homogeneous(np.eye(3), along)) @ homogeneous(np.eye(3), -along)
             self.joint_elements.append(self._add(here, self.facts.axes[k], not self.facts.sliding[k]))
             here = self._add_virtual([v for v in on_link if v.side == "after"], np.eye(4))
             self._add_on_flange([v for v in mine if v.link not in self.facts.links])

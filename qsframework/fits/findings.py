@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -29,12 +29,12 @@ def findings_of(fit: FitRecord, mistakes: Sequence[Mistake]) -> tuple[Finding, .
     """
     mistakes = [one for one in mistakes if one.told and one.name not in STAND_OUT]
     table = [one.finding for one in mistakes if not (fit.options.keep_all and one.mask is not None)]
-    return tuple(table) if of_whole_table(mistakes) else (*table, *_of_fit(fit), *_of_estimates(fit))
+    return (*table, *unexplained(mistakes, (*_of_fit(fit), *_of_estimates(fit))))
 
 
-def of_whole_table(mistakes: Sequence[Mistake]) -> bool:
-    """Whether one is of the whole table, which explains residuals of any size."""
-    return any(one.mask is None and one.file != FILES for one in mistakes)
+def unexplained(mistakes: Sequence[Mistake], found: Iterable[Finding]) -> tuple[Finding, ...]:
+    """What is found of a fit beside mistakes: nothing where one is of the whole table, which explains any residuals."""
+    return () if any(one.mask is None and one.file != FILES for one in mistakes) else tuple(found)
 
 
 def _of_fit(fit: FitRecord) -> Iterator[Finding]:

@@ -98,7 +98,6 @@ def find_causes(
     """All causes beyond the fitted parameters, and those that need something that was not recorded; none of how a joint
     is shown that stands still.
 
-    A length of an effect that is not there yet, which no reading can show, stays as it is known.
     seen: the rows of readings, or poses that are still to be measured
     """
     facts, model = experiment.robot.facts, experiment.model()
@@ -114,8 +113,7 @@ def find_causes(
         if missing:
             untested.append(Untested(effect.name, missing))
         else:
-            own = tuple(p for p in given(effect, "parameters", facts) if not p.modifies)
-            causes.append(Cause(effect.name, (effect,), own, False))
+            causes.append(_absent(effect, facts))
     return tuple(c for c in causes if c.parameters and not _of_still(c, facts, seen)), tuple(untested)
 
 
@@ -186,6 +184,11 @@ def _present(effect: Effect, fitted: Sequence[str], model: Model) -> Cause:
     values = dict(zip(model.names, model.parameters, strict=True))
     own = tuple(values[p.name] for p in effect.parameters(model.facts) if p.name not in fitted)
     return Cause(effect.name, (effect,), own, True)
+
+
+def _absent(effect: Effect, facts: RobotFacts) -> Cause:
+    """Of an effect that is not there: what no reading can show without it stays as it is known."""
+    return Cause(effect.name, (effect,), tuple(p for p in given(effect, "parameters", facts) if not p.modifies), False)
 
 
 def proposed(model: Model) -> list[Effect]:
