@@ -27,10 +27,9 @@ def export(
     from qsframework.errors import InputError, Problem
 
     given = sorted_out(files, ("experiment", "targets"), "plan")
-    for targets in given.pop("targets"):
+    for targets in given["targets"]:
         hint = "Teach them in a programme: qsf compensate EXPERIMENT FIT PROGRAMME corrects it."
         raise InputError(Problem("these are targets, no plan of measurements", str(targets), hint=hint))
-    if [len(found) for found in given.values()] != [1, 1]:
+    if len(given["experiment"]) != 1 or len(given["plan"]) != 1:
         raise InputError(Problem("an experiment and a plan are needed", found=" ".join(map(str, files))))
-    ((experiment,), (plan,)) = given.values()
-    run_export(plan, experiment, output, options, json)
+    run_export(given["plan"][0], given["experiment"][0], output, options, json)
