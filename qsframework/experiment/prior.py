@@ -13,7 +13,7 @@ import numpy as np
 
 from qsframework.elastostatics import Model
 from qsframework.experiment.readings import Readings
-from qsframework.plugin import Array, ParallelSpring, Parameter, Sensor, Spring
+from qsframework.plugin import Array, ParallelSpring, Parameter, Sensor
 
 ADDED = 30.0
 """Natural sizes that a cause which a diagnosis added may have (1 sigma). A machined part of 1,040 kg that the files do
@@ -48,8 +48,9 @@ def priors_of(model: Model, readings: Readings | None = None) -> Priors:
 
 def springs_of(model: Model) -> set[str]:
     """Names of the springs of joints, links and balancers: what a campaign is there to tell."""
-    springs = model.names_of(Spring) | model.names_of(ParallelSpring)
-    return {p.name for p in model.parameters if p.name in springs and not (p.by_name or p.modifies)}
+    balancers = model.names_of(ParallelSpring)
+    compliances = {model.names[i] for i in model.compliance_rows}
+    return compliances | {p.name for p in model.parameters if p.name in balancers and not p.by_name}
 
 
 def families(model: Model, names: Sequence[str]) -> dict[str, tuple[str, str]]:

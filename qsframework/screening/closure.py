@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from qsframework.errors import refuse
+from qsframework.errors import InputError, refuse
 from qsframework.estimation.tails import chi2_sf
 from qsframework.experiment import Experiment, Readings, differences, read_readings
 from qsframework.experiment.columns import XYZ, Column, read_table
@@ -55,10 +55,14 @@ class ClosureCheck:
 
 def state_findings(experiment: Experiment, readings: Readings) -> tuple[Finding, ...]:
     """What the states of these readings are not as they should be in; those that were read as differences are read
-    again."""
+    again. Nothing where they are no pairs of states."""
     if readings.sources and not readings.is_position.all():
         readings = read_readings(readings.sources, experiment, "positions")
-    return tuple(check.finding for check in check_states(experiment, readings) if check.good is False)
+    try:
+        checks = check_states(experiment, readings)
+    except InputError:  # loaded states without an unloaded one, or in another drive state: they are not differences
+        return ()
+    return tuple(check.finding for check in checks if check.good is False)
 
 
 def check_states(experiment: Experiment, states: Readings) -> tuple[ClosureCheck, ...]:
