@@ -48,9 +48,7 @@ def _sds(model: Model, priors: Priors, x: Array) -> list[float]:
     """sds (q,) of values at nominal, NaN where nothing is known: of springs that are not fitted, and of what is fitted
     only by its own name, such as a balancer's pivots, too. A compliance of which nobody states an sd is known to its
     size."""
-    sizes = np.full(len(x), math.nan)
-    sizes[list(model.compliance_rows)] = np.abs(model.compliance(model.nominal))
-    stated = ((p, float(size)) for p, size in zip(model.parameters, sizes, strict=True))
-    declared = np.array([p.sd or p.nominal_sd or size or math.nan for p, size in stated])
+    springs, every = model.compliance_rows, enumerate(model.parameters)
+    declared = np.array([p.sd or p.nominal_sd or abs(p.nominal) * (i in springs) or math.nan for i, p in every])
     known = np.where(np.isfinite(priors.sd), priors.sd, declared)
     return np.where(x == model.nominal, known, math.nan).tolist()
