@@ -112,7 +112,6 @@ def _check(file: Path, data: tuple[Path, ...]) -> Checked:
         return Checked(file=file, words=words, robot=experiment.robot, experiment=experiment, lines=own)
     readings = read_readings(sources, experiment, "positions")
     words += f", {len(readings)} readings at {len(set(readings.pose))} poses"
-    lines = (*own, *experiment_lines(experiment, readings))
     return Checked(
         file=file,
         words=words,
@@ -120,7 +119,7 @@ def _check(file: Path, data: tuple[Path, ...]) -> Checked:
         experiment=experiment,
         data=sources,
         readings=readings,
-        lines=lines,
+        lines=(*own, *experiment_lines(experiment, readings)),
     )
 
 
@@ -143,8 +142,9 @@ def experiment_lines(experiment: Experiment, readings: Readings) -> list[Line]:
     mistakes = find_mistakes(experiment, readings)
     told = [c for c in mistakes if c.told and c.file != FILES]
     lines += [(None if c.name in STAND_OUT or not c.stops else False, c.title, c.words) for c in told]
-    try:  # states may be used as differences, as they are fitted
-        fit = fit_readings(experiment, read_readings(readings.sources, experiment) if readings.sources else readings)
+    try:  # states may be fitted as differences
+        used = read_readings(readings.sources, experiment) if readings.is_position.any() else readings
+        fit = fit_readings(experiment, used)
     except QsfError as error:
         return [*lines, (False, "fit", str(error))]
     return [*lines, *_of_fit(fit, mistakes)]

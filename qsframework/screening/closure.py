@@ -56,7 +56,7 @@ class ClosureCheck:
 def state_findings(experiment: Experiment, readings: Readings) -> tuple[Finding, ...]:
     """What the states of these readings are not as they should be in; those that were read as differences are read
     again. Nothing where they are no pairs of states."""
-    if readings.sources and not readings.is_position.all():
+    if readings.sources and readings.alignments:
         readings = read_readings(readings.sources, experiment, "positions")
     try:
         checks = check_states(experiment, readings)
