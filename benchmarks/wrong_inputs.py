@@ -266,14 +266,16 @@ KINDS: dict[str, Callable[[Path], None]] = {
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of one input. check, identify: the names of what they say; stop: what compensate says instead of a
-    correction; masked: whether the fit left rows out; errors m at fresh readings: stated, real, of the arm before."""
+    """What became of one input. check, identify: the names of what they say; stops: whether one of them stops
+    what uses the fit; stop: what compensate says instead of a correction; masked: whether the fit left rows out; errors
+    m at fresh readings: stated, real, of the arm before."""
 
     kind: str
     base: str
     refused: str = ""
     check: tuple[str, ...] = ()
     identify: tuple[str, ...] = ()
+    stops: bool = False
     stop: str = ""
     masked: bool = False
     stated: float = np.nan
@@ -326,8 +328,10 @@ def outcome(kind: str, change: Callable[[Path], None] | None, campaign: Campaign
             fit = identify(experiment, readings)
         except QsfError as error:
             return replace(found, refused=str(error).splitlines()[0].partition(": ")[2][:90])
-        named = tuple(dict.fromkeys(f.name.partition("[")[0] for f in fit.account.findings))
-        found = replace(found, check=checked(experiment, readings), identify=named, masked=bool(fit.masked))
+        findings = fit.account.findings
+        named = tuple(dict.fromkeys(f.name.partition("[")[0] for f in findings))
+        found = replace(found, identify=named, stops=any(f.stops for f in findings))
+        found = replace(found, check=checked(experiment, readings), masked=bool(fit.masked))
         fresh = Campaign(replace(campaign.setting, poses=40, seed=campaign.setting.seed + FRESH, noise="nominal"))
         right = load_experiment(write_campaign(fresh, fresh.clean(Hidden(), campaign.built), Path(other)))
         at = read_readings(right.data, right, "positions")
@@ -393,7 +397,7 @@ def tables(found: Sequence[Outcome], plain: Sequence[Outcome]) -> str:
     ]
     rows = [(words, goal, hits, str(len(found))) for words, goal, hits in goals]
     if plain:
-        wrong = sum(bool(one.identify or one.refused) for one in plain)
+        wrong = sum(bool(one.stops or one.refused) for one in plain)
         rows.append(("clean campaigns in which something is stopped", "<= 1 %", str(wrong), str(len(plain))))
     each = [(one.kind, one.base, one.verdict, one.why, *map(mm, one.sizes)) for one in found]
     head = ("wrong input", "readings, arm", "outcome", "what names it", "before, mm", "stated, mm", "real, mm")

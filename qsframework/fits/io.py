@@ -11,6 +11,7 @@ import numpy as np
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError, Problem
 from qsframework.files import write_text, yaml_text
+from qsframework.fits.columns import sd_of
 from qsframework.fits.estimate import EstimateState
 from qsframework.fits.fit import Fit
 from qsframework.fits.soundness import check_fit
@@ -76,16 +77,14 @@ def _source(fit: Fit) -> str:
 
 
 def _entries(fit: Fit, parameters: Sequence[Parameter], source: str) -> dict[str, dict[str, Any]]:
-    """Entries of a nominal file: identified values with their sds, the others as they were."""
+    """Entries of a nominal file: identified values, known to noise, load and what was held; the others as they were."""
     found = {e.name: e for e in fit.estimates}
     out: dict[str, dict[str, Any]] = {}
     for p in parameters:
         if p.name in found:
             e = found[p.name]
-            told = source if e.state is EstimateState.FINE else f"{source}; {e.state.value}"
-            out[p.name] = nominal_entry(
-                p.identified_by(fit.account.hashes), e.value, e.sd if e.sd > 0.0 else None, told
-            )
+            sd, told = sd_of(fit, e), source if e.state is EstimateState.FINE else f"{source}; {e.state.value}"
+            out[p.name] = nominal_entry(p.identified_by(fit.account.hashes), e.value, sd if sd > 0.0 else None, told)
         elif p.source or p.nominal != 0.0 or p.earlier:
             out[p.name] = nominal_entry(p, p.nominal, p.sd, p.source)
     return out

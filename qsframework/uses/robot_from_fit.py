@@ -8,6 +8,7 @@ import numpy as np
 
 from qsframework.errors import InputError, Problem, refuse
 from qsframework.fits import FitRecord
+from qsframework.fits.columns import sd_of
 from qsframework.fits.soundness import check_fit, check_robot, experiment_of
 from qsframework.robot import Robot
 
@@ -16,9 +17,9 @@ def with_fit(robot: Robot, fit: FitRecord, *, anyway: bool = False) -> tuple[Rob
     """The robot with the values of a fit, and what to note of it, such as estimates that are no parameters of this
     robot: of the tracker's frame, or of effects of the experiment alone.
 
-    Its readings are asked where its experiment lies beside it. sds are widened where the residuals do not fit their
-    noise. InputError for a fit of another robot, one that is not to be trusted unless
-    `anyway`, and, always, for values beyond their bounds.
+    Its readings are asked where its experiment lies beside it. Values are known to noise, load and what was held,
+    widened where the residuals do not fit their noise. InputError for a fit of another robot, one that is not to be
+    trusted unless `anyway`, and, always, for values beyond their bounds.
     """
     file, own = fit.path or None, {p.name for p in robot.parameters}
     check_robot(fit, robot)
@@ -44,7 +45,7 @@ def with_fit(robot: Robot, fit: FitRecord, *, anyway: bool = False) -> tuple[Rob
     if experiment is None and fit.path:
         words = "that the fit explains its readings was not checked: its experiment is not beside it"
         notes = (*notes, f"{words}. Put both into one folder")
-    sd = {name: float(s) for name, s in zip(fit.names, np.sqrt(fit.widening) * fit.sd, strict=True)}
+    sd = {e.name: float(np.sqrt(fit.widening) * sd_of(fit, e)) for e in fit.estimates}
     parameters = tuple(
         replace(
             p,

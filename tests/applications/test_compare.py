@@ -317,7 +317,8 @@ def test_wrong_fits(root: Path, tmp_path: Path) -> None:
     bad = with_values(fit, {fit.names[2]: -1e-7})
     with pytest.raises(InputError, match=r"joint_compliance\[joint_3\] is beyond its bounds.*within bounds"):
         with_fit(robot, bad)
-    extra = replace(fit, estimates=(*fit.estimates, estimate("frame[s].x", 0.0, 1.0)))
+    C, more = np.pad(fit.covariance, (0, 1)), (*fit.estimates, estimate("frame[s].x", 0.0, 1.0))
+    extra = replace(fit, estimates=more, covariance=C, total_covariance=None, held=())
     left = "estimates that are no effects of its robot.yaml are omitted: frame[s].x"
     assert with_fit(robot, extra)[1] == (ALONE, left)
 

@@ -14,7 +14,15 @@ from qsframework.cli.demo import read_as_relative
 from qsframework.elastostatics import Model, make_model
 from qsframework.errors import InputError
 from qsframework.estimation import FitOptions
-from qsframework.experiment import Experiment, Readings, load_experiment, make_plan, read_readings, simulate
+from qsframework.experiment import (
+    Experiment,
+    LoadUncertainty,
+    Readings,
+    load_experiment,
+    make_plan,
+    read_readings,
+    simulate,
+)
 from qsframework.fits import Fit, identify, read_fit, write_fit, write_nominal
 from qsframework.fits.io import result_files, write_campaign, write_urdf
 from qsframework.plugin import Poses, build_effects
@@ -72,14 +80,16 @@ def test_all_problems_of_a_fit_file_at_once(r2000ic: Experiment, real: Readings,
 
 
 def test_a_robot_loads_with_the_identified_values(r2000ic: Experiment, real: Readings, tmp_path: Path) -> None:
-    fit = identify(r2000ic, real, options=LINEAR)
+    """Each is known to the noise, to the load and to what was held."""
+    fit = identify(r2000ic.with_(load_uncertainty=LoadUncertainty(0.1, 0.0)), real, options=LINEAR)
     folder = tmp_path / "robot"
     shutil.copytree(r2000ic.robot.folder, folder)
     write_nominal(fit, folder / "nominal.yaml", r2000ic.robot)
     loaded = {p.name: p for p in load_robot(folder).parameters}
-    for e in fit.estimates:
+    for e, sd in zip(fit.estimates, fit.sd_total, strict=True):
         assert loaded[e.name].nominal == pytest.approx(e.value, rel=1e-12)
-        assert loaded[e.name].sd == pytest.approx(e.sd, rel=1e-12)
+        assert loaded[e.name].sd == pytest.approx(sd, rel=1e-12)
+        assert sd > e.sd
         assert "identified, one-step, readings sha256" in loaded[e.name].source
     wrong = identify(read_as_relative(r2000ic, "joint_3"), real, options=LINEAR)
     with pytest.raises(InputError, match=r"joint_compliance\[joint_5\] beyond its bounds"):
@@ -173,7 +183,7 @@ def test_an_offset_through_a_loop_is_refused(m900ib: Experiment, tmp_path: Path)
 def test_a_campaigns_parameters_are_not_the_robots(r2000ic: Experiment, real: Readings, tmp_path: Path) -> None:
     scaled = _with(r2000ic, {"effect": "marker_offset", "marker": r2000ic.markers[0].name})
     fit = identify(scaled, real, options=LINEAR)
-    fit = replace(fit, estimates=(*fit.estimates, replace(fit.estimates[0], name="load_scale")))
+    fit = replace(fit, estimates=(replace(fit.estimates[0], name="load_scale"), *fit.estimates[1:]))
     path = write_nominal(fit, tmp_path / "nominal.yaml", r2000ic.robot)
     assert "# Identified too, but not the robot's: load_scale" in path.read_text()
 
@@ -223,9 +233,9 @@ def test_identified_values_that_are_not_the_robots_are_read_by_an_experiment(ur1
     text = (UR10 / "experiment.yaml").read_text()
     (tmp_path / "experiment.yaml").write_text(text + "nominal: n_campaign.yaml\n")
     again = {p.name: p for p in load_experiment(tmp_path / "experiment.yaml").parameters}
-    for e in ur10.estimates[6:]:
+    for e, sd in zip(ur10.estimates[6:], ur10.sd_total[6:], strict=True):
         assert again[e.name].nominal == pytest.approx(e.value, rel=1e-12)
-        assert again[e.name].sd == pytest.approx(e.sd, rel=1e-12)
+        assert again[e.name].sd == pytest.approx(sd, rel=1e-12)
     nominal = load_experiment(tmp_path / "experiment.yaml").model().nominal
     arm = np.isin(ur10.model.names, [p.name for p in experiment.robot.parameters])  # rigid here
     assert nominal[~arm] == pytest.approx(ur10.x[~arm], rel=1e-12, abs=1e-15)
