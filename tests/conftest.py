@@ -20,7 +20,7 @@ import yaml
 from hypothesis import settings
 
 from qsframework.experiment import Experiment, Readings, example, load_experiment, read_readings
-from qsframework.robot import copied, loader
+from qsframework.robot import loader
 from qsframework.robot.expand import files_of
 from qsframework.robot.urdf import Urdf, read_urdf
 
@@ -137,8 +137,7 @@ def _expand_once() -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(loader, "read_urdf", read)
-        patched.setattr(copied, "read_urdf", read)
-        patched.setattr(copied, "files_of", included)
+        patched.setattr(loader, "files_of", included)
         yield
 
 

@@ -27,8 +27,7 @@ from qsframework.plugin import Effect, Load, Parameter, Poses, Sensor
 from qsframework.plugin.entry import effect_entry
 from qsframework.plugin.settings import place_fields
 from qsframework.plugin.trusted import file_of
-from qsframework.robot.copied import robot_files
-from qsframework.robot.loader import find_robot
+from qsframework.robot.loader import find_robot, robot_files
 from qsframework.robot.named_files import entry_effects, named_file
 from qsframework.robot.spec import nominal_entry
 

@@ -5,8 +5,7 @@ from .equilibrium import (
     equilibrium as equilibrium,
 )
 from .evaluation import spring_stiffness as spring_stiffness
-from .flips import flip_margin as flip_margin
 from .model import Model as Model, make_model as make_model
 from .ranges import Beyond as Beyond, beyond as beyond, range_notes as range_notes
 from .state import Site as Site, State as State
-from .torques import actuator_torques as actuator_torques
+from .torques import actuator_torques as actuator_torques, flip_margin as flip_margin

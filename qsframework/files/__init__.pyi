@@ -12,5 +12,5 @@ from .documents import Document as Document, read_text as read_text, read_yaml a
 from .folders import write_folder as write_folder
 from .models import validate as validate
 from .output import sha256 as sha256, write_bytes as write_bytes, write_text as write_text
-from .record import FileRecord as FileRecord
+from .plain import FileRecord as FileRecord
 from .yaml_text import yaml_text as yaml_text

@@ -18,8 +18,7 @@ import numpy as np
 import pydantic
 from pydantic_core import core_schema
 
-from qsframework.files.plain import is_list, is_tuple
-from qsframework.files.record import FileRecord
+from qsframework.files.plain import FileRecord, is_list, is_tuple
 
 
 @dataclass(frozen=True)

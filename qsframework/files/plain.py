@@ -1,8 +1,16 @@
-"""What plain data of a file is, in words that a type checker understands too."""
+"""What needs no reader of files: the mark of a record that is written and read back, and what plain data is, in words
+that a type checker understands too."""
 
 from __future__ import annotations
 
-from typing import Any, TypeGuard
+from typing import Any, ClassVar, TypeGuard
+
+
+class FileRecord:
+    """A frozen dataclass whose fields are the keys of a file that qsframework itself writes: `validate` reads it,
+    `as_file` writes it. Keys that are for people only are passed over."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"strict": True, "allow_inf_nan": False}
 
 
 def is_mapping(value: object) -> TypeGuard[dict[str, Any]]:

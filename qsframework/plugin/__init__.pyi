@@ -27,6 +27,8 @@ from .kinds import (
 from .language import (
     AXES as AXES,
     Language as Language,
+    Move as Move,
+    Programme as Programme,
     axis_names as axis_names,
     check_language as check_language,
     languages as languages,
@@ -49,10 +51,6 @@ from .problems import (
     nearest as nearest,
     refuse as refuse,
     some_of as some_of,
-)
-from .programme import (
-    Move as Move,
-    Programme as Programme,
 )
 from .reader import (
     MeasuredFile as MeasuredFile,

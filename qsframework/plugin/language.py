@@ -10,6 +10,7 @@ from __future__ import annotations
 import codecs
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
@@ -19,9 +20,68 @@ from qsframework.errors import InputError, PluginError, Problem, refuse
 from qsframework.files.documents import read_bytes
 from qsframework.installed import LANGUAGES, entries, label, lacking, load
 from qsframework.plugin.check import Report, cuts
+from qsframework.plugin.facts import Array
 from qsframework.plugin.poses import Orientation
-from qsframework.plugin.programme import Programme
 from qsframework.plugin.source import Parts, ProgrammePoint, Source, replaced, skeleton
+from qsframework.units import JointUnits
+
+
+@dataclass(frozen=True, eq=False)
+class Move:
+    """A joint move to what the pendant is to show (n,), rad or m.
+
+    pose: the plan's name, "" for a pose in between or home.
+
+    repeat: 1, 2, ... counts the visits of the pose; load: the name of what is hung once the arm has stopped there;
+    station: where the tracker is to stand from here on, "" where it stays
+    """
+
+    pendant: Array
+    pose: str = ""
+    repeat: int = 0
+    load: str = ""
+    force: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    station: str = ""
+
+    @property
+    def measured(self) -> bool:
+        return self.pose != ""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Programme:
+    """What the robot is to do. speed: percent of every joint's largest; pause: s at each pose, None: until started.
+
+    length, length_as_planned: rad of the slowest joint, in this order and in the plan's, both from home and back
+    where `home` says so; external: which angles are external axes of the controller; tool, frame: the controller's
+    numbers or names of the tool and of the user frame, "" for those that the format begins with
+    """
+
+    robot: str
+    title: str
+    payload: float | None
+    moves: tuple[Move, ...]
+    units: JointUnits
+    speed: int
+    pause: float | None
+    length: float = 0.0
+    length_as_planned: float = 0.0
+    notes: tuple[str, ...] = field(default=())
+    home: bool = False
+    external: tuple[int, ...] = ()
+    tool: str = ""
+    frame: str = ""
+
+    @property
+    def loaded(self) -> bool:
+        """Whether anything is hung anywhere."""
+        return any(m.load for m in self.moves)
+
+    @property
+    def vias(self) -> int:
+        """How many poses in between were needed; home is none."""
+        return sum(1 for m in self.moves if not m.measured) - 2 * self.home
+
 
 AXES = 6
 """Axes of an arm, and external axes, that most languages can state."""

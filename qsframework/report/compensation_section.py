@@ -91,7 +91,7 @@ def target_view(experiment: Experiment, result: Compensation, x: Array) -> Secti
     """The targets that are farthest off without a correction, before and after it in 3D, and which springs give there,
     at the fitted parameters x."""
     from qsframework.viz import show_scene
-    from qsframework.viz.target_arrows import draw_targets
+    from qsframework.viz.scenes import draw_targets
 
     targets, arm = result.targets, experiment.robot.controller
     worst = np.sort(np.argsort(-result.uncorrected, kind="stable")[:_MOST])

@@ -1,4 +1,4 @@
-"""`load_robot`: from the files of a robot to a frozen `Robot`."""
+"""`load_robot`: from the files of a robot to a frozen `Robot`; and which files a copy of it needs."""
 
 from __future__ import annotations
 
@@ -30,6 +30,12 @@ from qsframework.robot.urdf import Urdf, read_urdf
 
 if TYPE_CHECKING:
     import pinocchio as pin
+
+from collections.abc import Iterator
+
+from qsframework.robot.expand import files_of
+from qsframework.robot.mesh import mesh_file
+from qsframework.robot.urdf import MeshVisual
 
 T = TypeVar("T")
 
@@ -273,3 +279,21 @@ class _Reading:
             self.problem("gravity must be three numbers", "gravity", found=repr(spec.gravity))
         if not 0 <= spec.limits_tolerance < 0.1:
             self.problem("limits_tolerance must be between 0 and 0.1 rad", "limits_tolerance")
+
+
+def robot_files(robot_yaml: Path) -> tuple[Path, ...]:
+    """Paths relative to the robot's folder of what a copy of it needs, without robot.yaml and nominal values."""
+    folder = robot_yaml.parent
+    urdf = folder / str(read_yaml(robot_yaml).data["urdf"])
+    files = [*files_of(urdf, folder), *_meshes(urdf, folder)]
+    files += [f for f in sorted(folder.glob("LICENSE*")) if f.is_file()]
+    return tuple(dict.fromkeys(f.resolve().relative_to(folder.resolve()) for f in files if inside(f, folder)))
+
+
+def _meshes(urdf: Path, folder: Path) -> Iterator[Path]:
+    """Mesh files that the folder holds; a mesh that is nowhere is drawn by nobody here, so a copy does without it."""
+    for link in read_urdf(urdf, folder).links:
+        for solid in (*link.meshes, *link.collisions):
+            path = mesh_file(solid, urdf, folder) if isinstance(solid, MeshVisual) else None
+            if path is not None:
+                yield path

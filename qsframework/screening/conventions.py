@@ -33,9 +33,8 @@ from qsframework.hypotheses.catalogue.conventions import (
     tracker_axes,
     value_units,
 )
-from qsframework.hypotheses.catalogue.exchanged_markers import exchanged_markers
 from qsframework.hypotheses.catalogue.late_angles import late_angles
-from qsframework.hypotheses.catalogue.marker_constant import marker_constant
+from qsframework.hypotheses.catalogue.markers import exchanged_markers, marker_constant
 from qsframework.hypotheses.catalogue.rows import lines
 from qsframework.hypotheses.catalogue.runs import MOST_OF_IT, NEAR_NOISE, run_of_rows
 from qsframework.hypotheses.hypothesis import Hypothesis

@@ -1,4 +1,6 @@
-"""Scenes of robots one at a time: what a model misses at the markers, a task where each deflects most, zero angles."""
+"""Scenes of robots one at a time: what a model misses at the markers, a task where each deflects most, zero angles,
+targets before and after a correction.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +11,7 @@ import numpy as np
 from qsframework.experiment import Experiment, Readings
 from qsframework.plugin import Array, Indices
 from qsframework.robot import Robot
+from qsframework.viz.deflection import draw_ellipsoid
 from qsframework.viz.glow import Suspects, draw_suspects, spots
 from qsframework.viz.meshes import Meshes
 from qsframework.viz.robot_shapes import draw_robot, draw_way, flange_of, link_frames, reach
@@ -26,6 +29,12 @@ MOST = 24
 _POINT: Colour = (0.1, 0.3, 0.9, 1.0)
 _WORST: Colour = (0.8, 0.1, 0.1, 1.0)
 _TOOL: Colour = (0.4, 0.42, 0.46, 1.0)
+_LEFT: Colour = (0.1, 0.3, 0.9, 0.4)
+_LARGEST = 0.12
+"""Half axis, m, at which a target's largest expected error is drawn."""
+_COVERAGE = 2.0
+_FACTOR = 100.0
+"""Of arrows at targets."""
 
 
 def residual_scene(
@@ -107,3 +116,17 @@ def robot_row(robots: Sequence[Robot]) -> Scene:
         scene.axes(f"robots/{i}/flange", flange_of(robot, links), 0.2)
         scene.step(f"robots/{i}", robot.title)
     return scene
+
+
+def draw_targets(scene: Scene, points: Array, before: Array, moved: Array, covariance: Array) -> float:
+    """Arrows at targets (N, 3) m along their error before and along the command's move (N, 3) m, enlarged 100 times;
+    ellipsoids (k = 2) of the error after, covariance (N, 3, 3) m^2. By how much these are enlarged."""
+    size, axes = np.linalg.eigh(covariance)
+    half = axes * _COVERAGE * np.sqrt(np.maximum(size, 0.0))[:, None, :]
+    enlarged = _LARGEST / max(float(np.linalg.norm(half, axis=1).max(initial=0.0)), 1e-12)
+    for i, point in enumerate(points):
+        scene.arrow(f"targets/{i}/before", point, _FACTOR * before[i], 0.012, BEFORE)
+        scene.arrow(f"targets/{i}/command", point, _FACTOR * moved[i], 0.012, AFTER)
+        draw_ellipsoid(scene, f"targets/{i}/left", point, half[i], enlarged, _LEFT)
+    scene.layer("targets", "targets")
+    return enlarged

@@ -34,7 +34,7 @@ from qsframework.uses.inverse import TipPose, pose_error, rigid_tip
 from qsframework.uses.stiffness import spring_shares
 from qsframework.uses.targets import Targets, flange_pose, joint_targets, read_targets
 from qsframework.viz import Scene
-from qsframework.viz.target_arrows import draw_targets
+from qsframework.viz.scenes import draw_targets
 from tests.identify.records import record, with_values
 
 MEASURED = np.array([0.0, 1500.0, -4000.0, 0.0, 0.0, 0.0])

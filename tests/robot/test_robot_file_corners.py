@@ -9,10 +9,10 @@ import pytest
 
 from qsframework.errors import InputError
 from qsframework.experiment import Experiment
-from qsframework.robot.copied import robot_files
 from qsframework.robot.corrected import _tree  # pyright: ignore[reportPrivateUsage]
 from qsframework.robot.expand import read_tree
 from qsframework.robot.kinematics import joint_frames
+from qsframework.robot.loader import robot_files
 from qsframework.robot.named_files import entry_effects, named_file
 from qsframework.robot.packages import Sources
 from qsframework.robot.reference import reference_flange, reference_gravity

@@ -263,7 +263,7 @@ def test_a_large_mesh_is_not_read(robot: Path) -> None:
     ],
 )
 def test_meshes_from_elsewhere_are_neither_read_nor_copied(robot: Path, name: str, there: bool) -> None:
-    from qsframework.robot.copied import robot_files
+    from qsframework.robot.loader import robot_files
 
     (robot.parent / "x.stl").write_text("solid")
     visual = f'<visual><geometry><mesh filename="{name}"/></geometry></visual>'

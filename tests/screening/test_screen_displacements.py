@@ -13,8 +13,8 @@ from qsframework.errors import NotIdentifiable
 from qsframework.estimation import FitOptions, Independent, LinearFit
 from qsframework.experiment import Experiment, Plan, Readings, example, make_plan, simulate
 from qsframework.fits import identify
-from qsframework.hypotheses.catalogue.exchanged_markers import exchanged_markers
 from qsframework.hypotheses.catalogue.late_angles import late_angles
+from qsframework.hypotheses.catalogue.markers import exchanged_markers
 from qsframework.hypotheses.linearized import linearized
 from qsframework.hypotheses.outliers import find_outliers
 from qsframework.plugin import Poses, build_effects
@@ -174,8 +174,8 @@ def test_of_a_long_file_the_worst_rows_are_exchanged(
     some = slice(None) if everywhere else slice(3, 4)
     swapped = linearized(m900ib, copied(given, [*first[some], *third[some]], [*third[some], *first[some]]))
     every = exchanged_markers(swapped, 0.01)
-    monkeypatch.setattr("qsframework.hypotheses.catalogue.exchanged_markers._MOST", 20)
-    monkeypatch.setattr("qsframework.hypotheses.catalogue.exchanged_markers._NUMBERS", 200)
+    monkeypatch.setattr("qsframework.hypotheses.catalogue.markers._MOST", 20)
+    monkeypatch.setattr("qsframework.hypotheses.catalogue.markers._NUMBERS", 200)
     found = exchanged_markers(swapped, 0.01)
     assert every is not None
     assert found is not None
