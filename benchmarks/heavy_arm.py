@@ -3,8 +3,9 @@
     python benchmarks/heavy_arm.py [--draws 12] [--half 6] [--seed 0] [--jobs 1] [--verbose] [--write]
 
 The arm carries 300 kg over 2.7 m; its links weigh 1,500 kg; a coil spring balances joint 2, and the ring under its
-first bearing tilts by a spring that no file knows. Each draw is another arm of this type: zeros and placements are
-drawn by the typical sizes of their effects (times 1, times .5), springs by the sd that the data sheet states. MuJoCo
+first bearing tilts by a spring that no file knows. Each draw is another arm of this type: zeros, placements and
+the balancer's pivots are drawn by the typical sizes of their effects (times 1, times .5), springs by the sd that the
+data sheet states. MuJoCo
 holds the truth; it shares no code with qsframework. A tracker of unknown place reads three nests at 30 poses, by the
 arm's own weight and with a load. Then comes what the pages say: identify, diagnose and extend, identify again,
 compensate; and the same once more. The corrected angles of 50 fresh targets go back into MuJoCo, and what counts is
@@ -76,6 +77,7 @@ SPRING_SD, BALANCER_SD = 0.20, 0.05
 """Shares of themselves, as the data sheet states them and as they are drawn."""
 LC, L2, ZERO_DEG = 0.75, 0.20, 100.0
 """The balancer: m from axis 2 to its pivots on turret and upper arm, and the angle between them with the arm level."""
+PIVOTS = tuple(f"gravity_compensator[joint_2].{part}" for part in ("lc", "l2", "zero"))
 BALANCER, FREE_LENGTH = 1.5e5, 0.45
 """N/m and m: 10 kN m at joint 2 with the arm level."""
 TILT = 25e6
@@ -168,13 +170,15 @@ class Arm:
     """One arm of this type.
 
     zeros (6,) rad; places (6, 6): m and rotation vector, rad, of each joint's frame against the link before; compliance
-    (6,) rad/(N m); balancer N/m; tilt rad/(N m); nests (3, 3) m on the flange
+    (6,) rad/(N m); balancer N/m; pivots (3,): LC, L2 m and the angle between them with the arm level, rad; tilt
+    rad/(N m); nests (3, 3) m on the flange
     """
 
     zeros: Array
     places: Array
     compliance: Array
     balancer: float
+    pivots: Array
     tilt: float
     nests: Array
 
@@ -182,7 +186,8 @@ class Arm:
 def nominal_arm() -> Arm:
     """The arm of the data sheet, which does not tilt."""
     n, nests = len(LINKS), 1e-3 * np.array(list(NESTS.values()))
-    return Arm(np.zeros(n), np.zeros((n, 6)), 1e-6 * np.array([a.compliance for a in LINKS]), BALANCER, 0.0, nests)
+    compliance, pivots = 1e-6 * np.array([a.compliance for a in LINKS]), np.array([LC, L2, np.deg2rad(ZERO_DEG)])
+    return Arm(np.zeros(n), np.zeros((n, 6)), compliance, BALANCER, pivots, 0.0, nests)
 
 
 def drawn_arm(experiment: Experiment, seed: int, factor: float = 1.0) -> Arm:
@@ -191,6 +196,7 @@ def drawn_arm(experiment: Experiment, seed: int, factor: float = 1.0) -> Arm:
     zero = np.array([_typical(JointOffset(joint).parameters(facts))[0] for joint in facts.joints])
     place = np.array([_typical(JointPlacement(joint).parameters(facts)) for joint in facts.joints])
     nest = np.array([_typical(MarkerOffset(name).parameters(facts)) for name in NESTS])
+    pivot = np.array(_typical([p for p in experiment.robot.parameters if p.name in PIVOTS]))
     return Arm(
         zeros=factor * zero * rng.standard_normal(zero.shape),
         places=factor * place * rng.standard_normal(place.shape),
@@ -198,6 +204,7 @@ def drawn_arm(experiment: Experiment, seed: int, factor: float = 1.0) -> Arm:
         balancer=BALANCER * (1.0 + BALANCER_SD * float(rng.standard_normal())),
         tilt=1.0 / TILT,
         nests=sheet.nests + NESTS_OFF * nest * rng.standard_normal(nest.shape),
+        pivots=sheet.pivots + factor * pivot * rng.standard_normal(pivot.shape),
     )
 
 
@@ -214,7 +221,7 @@ def _words(values: Array) -> str:
 def mjcf(arm: Arm) -> str:
     """The arm in MuJoCo, at zero angles. Each drive is a hinge whose spring rests at the angle that is commanded; the
     first bearing has two more, across. An arm that does not tilt has them, too, a million times as stiff."""
-    zero = np.deg2rad(ZERO_DEG)
+    lc, l2, zero = arm.pivots
     inner = f'<site name="tool" pos="{_words(1e-3 * np.array(TOOL))}"/>'
     inner += "".join(f'<site name="{name}" pos="{_words(at)}"/>' for name, at in zip(NESTS, arm.nests, strict=True))
     for k, one in reversed(list(enumerate(LINKS))):
@@ -226,10 +233,10 @@ def mjcf(arm: Arm) -> str:
         if k == 0:
             stiff = 1.0 / max(arm.tilt, 1e-6 / TILT)
             joints = "".join(f'<joint axis="{axis}" stiffness="{stiff:.15g}"/>' for axis in ("1 0 0", "0 1 0")) + joints
-            pivot = 1e-3 * np.array(LINKS[1].at) - LC * np.array([np.cos(zero), 0.0, np.sin(zero)])
+            pivot = 1e-3 * np.array(LINKS[1].at) - lc * np.array([np.cos(zero), 0.0, np.sin(zero)])
             inner += f'<site name="on_turret" pos="{_words(pivot)}"/>'
         elif k == 1:
-            inner += f'<site name="on_upper_arm" pos="{-L2} 0 0"/>'
+            inner += f'<site name="on_upper_arm" pos="{-l2:.15g} 0 0"/>'
         at = _words(1e-3 * np.array(one.at) + arm.places[k, :3])
         inner = (
             f'<body name="{one.name}" pos="{at}" quat="{_words(quat)}">'
@@ -310,6 +317,7 @@ def agreement(experiment: Experiment, arm: Arm, pendant: Array, force: Array) ->
         names = ("x", "y", "z", "rx", "ry", "rz")
         values |= {f"joint_placement[joint_{k + 1}].{a}": v for a, v in zip(names, twist, strict=True)}
     values |= {tilt.name: arm.tilt for tilt in tilts} | {"gravity_compensator[joint_2].stiffness": arm.balancer}
+    values |= dict(zip(PIVOTS, arm.pivots, strict=True))
     every = {p.name: p for e in effects for p in e.parameters(facts)} | {p.name: p for p in experiment.robot.parameters}
     parameters = [replace(p, nominal=values.get(name, p.nominal)) for name, p in every.items()]
     tool = experiment.load_site
