@@ -135,9 +135,9 @@ def replace_between(page: Path, start: str, end: str, text: str) -> None:
     write_text(page, f"{before}{start}\n{text}\n{end}{after}")
 
 
-def shelved(text: str, name: str, goals: bool = True) -> str:
+def shelved(text: str, name: str, goals: bool = True, aside: str | None = None) -> str:
     """A record with its tables as files docs/records/NAME*.csv beside the page: here stay the words, unless goals is
-    False the goals that are missed, and links to the files."""
+    False the goals that are missed, and links to the files. Of the table under the heading `aside` the link alone."""
     title, links, kept = "", list[tuple[str, str, str]](), list[str]()
     for block in text.split("\n\n"):
         lines = block.splitlines()
@@ -145,7 +145,7 @@ def shelved(text: str, name: str, goals: bool = True) -> str:
             title = lines[0].lstrip("# ")
         elif lines and lines[0].startswith("|"):
             rows = [line[2:-2].split(" | ") for line in lines if not line.startswith("|---")]
-            if goals and "goal" in rows[0]:
+            if goals and "goal" in rows[0] and title != aside:
                 kept.append(_of_goals(rows))
             links.append((title or name.split()[-1], rows[0][0], _shelf(rows, name, title)))
         else:

@@ -685,7 +685,7 @@ def write_page(text: str, command: str, results: Sequence[Result], mark: str) ->
     """Put the results between their marks of docs/results.md, and the raw tables beside the page."""
     versions = ", ".join(sorted({r["code"] for r in results}))
     when = f"{command}; {date.today().isoformat()}; {cores()}; code {versions} (a hash of the sources)."
-    record = f"{when}\n\n{shelved(text, f'diagnosis {mark}')}"
+    record = f"{when}\n\n{shelved(text, f'diagnosis {mark}', aside='Touched kinds')}"
     replace_between(PAGE, f"<!-- {mark} -->", f"<!-- end of {mark} -->", record)
 
 
