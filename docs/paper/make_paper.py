@@ -113,15 +113,12 @@ def table_1() -> str:
     ours = ", ".join(f"{paper.curve(name).min():.2f}" for name in ("A", "D"))
     return f"""### Tables 1 and 2: step two
 
-K2, Kc and s0 Kc from joint 2's aggregated stiffness at several q2 between 0 and 120 deg, by the rows of (22). O1 is
-the trace
-(A), O2 the cube root of the determinant (D), O3 half their sum. The paper does not print its units: with unit noise
-three
-measurements come to {ours} for O1 and O2, and one factor for each brings these to the printed 14.27 and 2.11; all
-other
-cells follow. Tables: {table("table-1", head, values)}, {table("table-1-per-configuration", head, per)},
+K2, Kc and s0 Kc from joint 2's aggregated stiffness at several q2 between 0 and 120 deg, by the rows of (22). The
+paper does not print its units: with unit noise three measurements come to {ours} for O1 and O2, and one factor for
+each brings these to the printed 14.27 and 2.11. All other cells follow: {table("table-1", head, values)},
+{table("table-1-per-configuration", head, per)},
 {table("table-1-angles", ["measurements", "O1", "O2", "O3"], angles)}. With four and five measurements the best three
-angles repeat, as the paper says."""
+angles repeat."""
 
 
 def table_2() -> str:
@@ -141,9 +138,7 @@ def table_2() -> str:
         rows.append(row)
     head = ["loss", *(f"{c} {w}" for c in ("O1", "O2", "O3") for w in ("printed", "computed"))]
     return f"""How far the middle angle may be off ({table("table-2", head, rows)}; columns O1 and O2 are exchanged
-back): the valley is
-flat for the determinant and steep for the trace, so the trace decides.
-Grey bars are computed ranges, orange printed ones.
+back): the trace decides. Grey bars are computed ranges, orange printed ones.
 
 ![O1, the trace, against the middle angle](images/paper-A.svg)
 
@@ -155,8 +150,8 @@ Grey bars are computed ranges, orange printed ones.
 def figure_6_text() -> str:
     return """### Figure 6: where the wrist may be
 
-The bar is the limit of the paper's experiment: 1 m from axis 1, 0.5 m high. The wrist stays above 0.5 m from q2 = 0
-on; with q3 = -30 it keeps 1.09 m from axis 1 at 120 deg, with q3 = 30 not 1 m ([errors](#errors-in-print)).
+The bar is the limit of the paper's experiment: 1 m from axis 1, 0.5 m high. With q3 = 30 the wrist comes nearer
+([errors](#errors-in-print)).
 
 ![Distance of the wrist centre from axis 1 over q2](images/paper-6x.svg)
 
@@ -186,8 +181,8 @@ def tables_3_and_4() -> str:
     return f"""### Tables 3 and 4: step one
 
 The sd of five aggregated compliances, urad/(N m), from six planar poses under a vertical force, sigma / F = 1 um/N
-({table("table-3", head, three)}). The sd grows as 1 / |cos q2|. How far the middle angle may be
-off: {table("table-4", ["loss", *head[1:]], four)}. The paper's last column repeats Table 2.
+({table("table-3", head, three)}); it grows as 1 / |cos q2|. How far the middle angle may be
+off: {table("table-4", ["loss", *head[1:]], four)}.
 
 ![sd of joint 2's compliances against the middle angle](images/paper-8a.svg)
 
@@ -212,17 +207,13 @@ def thirty_five(curves: dict[str, Array], weighted: dict[str, Array]) -> str:
     weighed = table("35-deg", head, rows)
     return f"""### Why 35 deg and not 47 to 50
 
-Table 5 measures at 0, 35 and 120 deg. Tables 1 and 2 weigh every aggregated stiffness alike, but step one
-knows k2 the worse the more upright link 2 stands. With step one's covariance as the weight the best middle angle of
-the trace
-moves from {rows[0][1]} to {rows[0][2]} deg; 35 deg is within 1 % of it, 48 deg loses {rows[0][4]} ({weighed}).
+Tables 1 and 2 weigh every aggregated stiffness alike, but step one knows k2 the worse the more upright link 2
+stands. With its covariance as the weight the best middle angle of the trace moves from {rows[0][1]} to {rows[0][2]} deg; 35 deg is within 1 % of it, 48 deg loses {rows[0][4]} ({weighed}).
 
 ![trace against the middle angle, alike and weighted](images/paper-weighted.svg)
 
-All of this takes q2 as the angle b of (22). On the M-900iB b = 90 deg - q2, and 0, 35 and 120 deg have {best[0][2]}
-times the best
-trace and {best[1][2]} times the best determinant
-({table("on-the-robot", ["criterion", "best q2, deg", "0, 35, 120 over the best"], best)})."""
+With the M-900iB's b = 90 deg - q2 in (22), 0, 35 and 120 deg have {best[0][2]} times the best trace and {best[1][2]}
+times the best determinant ({table("on-the-robot", ["criterion", "best q2, deg", "0, 35, 120 over the best"], best)})."""
 
 
 def table_5(designed: Designed) -> str:
@@ -253,15 +244,11 @@ def table_5(designed: Designed) -> str:
     broken = table("limits", ["limit", "rows of Table 5 that break it", "of our plan"], limits)
     return f"""### Table 5: the twelve poses, and twelve designed ones
 
-The M-900iB of `examples/m900ib` with assumed compliances, 4 kN straight down, three reflectors, 0.03 mm; the
-compliances of joints 2 to 6. Our plan is D-optimal, {POSES} poses out of {CANDIDATES} candidates, the paper's limits
-kept. Of Table 5
-with q6 = 135 in row 2, its D is {rows[6][-1]} times as large, and the variances are
-{", ".join(r[-1] for r in rows[:5])} times as large
-({table("table-5", head, rows)}).
-
-What rows 2, 5 to 8, 11 and 12 have wrong: [errors in print](#errors-in-print), {broken},
-{table_5_rows()}. Our poses: {pose_table("plan", designed.plan)}."""
+The M-900iB of `examples/m900ib` with assumed compliances, 4 kN straight down, three reflectors, 0.03 mm. Our plan is
+D-optimal for joints 2 to 6, {POSES} poses out of {CANDIDATES} candidates within the paper's limits
+({pose_table("plan", designed.plan)}). Its D is {rows[6][-1]} times that of Table 5 with q6 = 135 in row 2, its
+variances {", ".join(r[-1] for r in rows[:5])} times ({table("table-5", head, rows)}). What Table 5 breaks:
+[errors in print](#errors-in-print), {broken}, {table_5_rows()}."""
 
 
 def table_5_rows() -> str:
@@ -297,10 +284,9 @@ def section_5_3() -> str:
     head = ["wrist", "D, 1e-4", "over Table 5's", *(f"joint {k}" for k in range(2, 7))]
     return f"""### Section 5.3: the wrist
 
-In Table 5 q4 and q6 stand at 45 or 135 deg, q5 at 30 deg. With its arms (q1 to q3) kept and these angles combined
-anew, D is {rows[1][2]} times as large; with any wrist angles {rows[2][2]} times ({table("wrist", head, rows)}). The
-free wrist bends
-joint 5 by {far.min():.0f} to {far.max():.0f} deg: 30 deg is a good angle for joint 5, not the best one for joint
+In Table 5 q4 and q6 stand at 45 or 135 deg, q5 at 30 deg. With these angles combined anew, q1 to q3 kept, D is
+{rows[1][2]} times as large; with any wrist angles {rows[2][2]} times ({table("wrist", head, rows)}). The free wrist
+bends joint 5 by {far.min():.0f} to {far.max():.0f} deg: 30 deg is a good angle for joint 5, not the best one for joint
 4."""
 
 
@@ -333,13 +319,10 @@ def section_5_1(designed: Designed) -> str:
     return f"""### Section 5.1: a side pull for joint 1
 
 Under the vertical load: *{table5.unseen_under_weight()}*. The paper pulls sideways, the arm stretched and the wrist
-along the
-force. That comes out by itself for one pose under 1.5 kN along y. With the other compliances known the solver
-reaches out {rows[0][1]} m of {far:.2f} m across the force ({pose_table("side", alone)}). With them unknown the best
-pose of a random
-search turns axis 6 to {rows[1][4]} deg from the force ({pose_table("side-among-unknown", among)}); half of random
-poses have
-it above 60 deg. Both: {table("side-pull", head, rows)}."""
+along the force. The solver finds the same for one pose under 1.5 kN along y: with the other compliances known it
+reaches out {rows[0][1]} m of {far:.2f} m across the force ({pose_table("side", alone)}); with them unknown axis 6
+stands {rows[1][4]} deg from the force ({pose_table("side-among-unknown", among)}). Both:
+{table("side-pull", head, rows)}."""
 
 
 HEAD = """## Tables and figures
