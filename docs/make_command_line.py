@@ -16,8 +16,9 @@ column; another number where the work itself failed, with its reason.
 """
 
 
-SHARED = 3
-"""From so many commands on, an option or argument with the same words stands once, at the top."""
+SHARED = 2
+"""From so many commands on an option or argument with the same words stands once, at the top, if it says so in most of
+the commands that have it."""
 
 
 def page() -> str:
@@ -26,7 +27,10 @@ def page() -> str:
 
     commands = every_command()
     counts = Counter(row for command in commands.values() for row in (*_asked(command), *map(_row, _options(command))))
-    shared = [row for row, count in counts.items() if count >= SHARED]
+    named = Counter[str]()
+    for (left, _), count in counts.items():
+        named[left] += count
+    shared = [row for row, count in counts.items() if count >= SHARED and 2 * count > named[row[0]]]
     head = HEAD + f"\n## What several commands share\n\n{_list(shared)}"
     return head + "".join(_section(name, command, shared) for name, command in commands.items())
 
@@ -49,7 +53,7 @@ def _section(name: str, command: Any, shared: list[tuple[str, str]]) -> str:
     usage = " ".join(["qsf", name, *(left.strip("`") for left, _ in asked)])
     own = [row for row in (*asked, *rows) if row not in shared]
     listed = f"\n{_list(own)}" if own else ""
-    also = ", ".join(left for left, right in rows if (left, right) in shared)
+    also = ", ".join(left.partition("` ")[0].rstrip("`") + "`" for left, right in rows if (left, right) in shared)
     more = f"\nAlso {also}.\n" if also else ""
     doc = " ".join((command.help or "").split())
     return f"\n## `qsf {name}`\n\n{_escaped(doc)}\n\n```\n{usage}\n```\n{listed}{more}"
