@@ -79,7 +79,6 @@ NAMED = {Estimate: "name", Frame: "series", NotEstimated: "name", Held: "name", 
 
 EXAMPLES = {
     "robot.yaml": ("robots/kuka_kr270/robot.yaml", 12),
-    "experiment.yaml": ("examples/m900ib/experiment.yaml", 12),
     "plan.csv": ("examples/m900ib/table5.csv", 2),
     "readings.csv": ("examples/r2000ic/readings.csv", 2),
     "readings.csv of states": ("examples/ur10/series_d.csv", 2),
