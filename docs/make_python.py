@@ -1,4 +1,4 @@
-"""Write docs/python.md: one fit by all its printers, and the scripts in examples/scripts: python docs/make_python.py"""
+"""Write docs/python.md: one fit by all its printers, and where the scripts are: python docs/make_python.py"""
 
 from __future__ import annotations
 
@@ -18,9 +18,10 @@ HEAD = """# From Python
 Every command calls a function of `qsframework`, which scripts and notebooks call too. A fit, a plan, readings, a
 diagnosis and a validation print their verdict and table, show them in a notebook, and have `.to_frame()` (pandas) and
 `.plot()` (plotly). Quantities are SI, angles radians; `qsf.units.to_si(90.0, "deg")` and
-`qsf.units.from_si(x, "mm")` go to and from other units. The [API page](api.md) lists the functions. The notebook
-`examples/notebook/calibration.ipynb` goes from the plan to corrected targets. The scripts in
-`examples/scripts` write into a folder of their own; the tests run them all.
+`qsf.units.from_si(x, "mm")` go to and from other units. The [API page](api.md) has an example of every function, from
+the plan to corrected targets; so has the notebook `examples/notebook/calibration.ipynb`.
+"""
+SCRIPTS_HEAD = """Whole programmes of less than 40 lines; each writes into a folder of its own.
 """
 FIT = """import json
 
@@ -66,11 +67,9 @@ SCRIPTS = {
 
 
 def page() -> str:
-    """The page: one fit by all its printers, one script, and where the others are."""
-    first, *others = SCRIPTS.items()
-    listed = "".join(f"- {title}: `examples/scripts/{name}.py`\n" for name, title in others)
-    shown = f"`examples/scripts/{first[0]}.py`\n\n```python\n{_text(first[0])}```\n"
-    return f"{HEAD}\n{_printed()}\n## {first[1]}\n\n{shown}\n## More\n\n{listed}"
+    """The page: one fit by all its printers, and where the scripts are."""
+    listed = "".join(f"- {title}: `examples/scripts/{name}.py`\n" for name, title in SCRIPTS.items())
+    return f"{HEAD}\n{_printed()}\n## Scripts\n\n{SCRIPTS_HEAD}\n{listed}"
 
 
 def printed(folder: Path, pdf: bool = True) -> dict[str, str]:
@@ -98,10 +97,6 @@ def _printed() -> str:
         shown = re.sub(r"\n+", "\n", out[title]) if title == "Notebook" else f"```\n{out[title]}```\n"
         parts.append(f"### {title}\n\n{words}\n\n```python\n{code}```\n\n{shown}")
     return "\n".join(parts)
-
-
-def _text(name: str) -> str:
-    return (ROOT / "examples" / "scripts" / f"{name}.py").read_text()
 
 
 if __name__ == "__main__":

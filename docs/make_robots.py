@@ -23,21 +23,19 @@ HEAD = """# The robots
 
 Each is a folder under `robots/` with `robot.yaml`, a URDF written anew with simple solids, `nominal.yaml`, and a README
 that states the source of every number. What no source states is assumed and marked so: most stiffnesses, all masses of
-FANUC's and KUKA's links. A plan made with assumed values is still good, for the optimal poses hardly depend on them; a
-prediction made with them is no better than they are. [Add yours](add-a-robot.md).
-Each below holds a weight with a side pull; the deflection is exaggerated.
+FANUC's and KUKA's links. The optimal poses hardly depend on assumed values; a prediction does. [Add
+yours](add-a-robot.md). Each below holds a weight with a side pull; the deflection is exaggerated.
 
 """
 MIDDLE = """
-"Assumed" counts parameters of these effects whose `source` in `nominal.yaml` begins so; what is published was published
-for the robot or for one of its family, as the README says.
+"Assumed" counts parameters whose `source` in `nominal.yaml` begins so; what is published was published for the robot or
+for one of its family.
 
 ## Their conformance runs
 
-`qsf check ROBOT --conformance` tries a robot with everything: kinematics and holding torques against Pinocchio, a load
-that does work on what it bends, all derivatives against finite differences, and a campaign in small, of eight poses
-under two loads: designed, simulated, identified (largest error in sd of the fit), diagnosed with nothing hidden.
-[All runs](records/robots-conformance.csv) held.
+`qsf check ROBOT --conformance` compares kinematics and holding torques with Pinocchio and all derivatives with finite
+differences; then it designs, simulates, identifies and diagnoses a campaign of eight poses under two loads. [All
+runs](records/robots-conformance.csv) held.
 """
 
 
@@ -49,15 +47,15 @@ def robots() -> list[Robot]:
 def robots_table(loaded: list[Robot]) -> str:
     """What each robot is."""
     lines = [
-        "| robot | title | loops and springs beside the joints' own | payload | assumed |",
-        "|---|---|---|---|---|",
+        "| robot | loops and springs beside the joints' own | payload | assumed |",
+        "|---|---|---|---|",
     ]
     for r in loaded:
         extras = dict.fromkeys(p.split("[")[0] for p in (e.name for e in r.effects) if not p.startswith(_PLAIN))
         assumed = sum(p.source.startswith("assumed") for p in r.parameters)
         payload = "not stated" if r.payload is None else f"{r.payload:g} kg"
         listed = ", ".join(f"`{x}`" for x in extras) or "none"
-        lines.append(f"| `{r.name}` | {r.title} | {listed} | {payload} | {assumed} of {len(r.parameters)} |")
+        lines.append(f"| `{r.name}` | {listed} | {payload} | {assumed} of {len(r.parameters)} |")
     return "\n".join(lines) + "\n"
 
 

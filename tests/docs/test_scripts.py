@@ -1,4 +1,4 @@
-"""The scripts in examples/scripts run, are short, and find what they say; docs/python.md shows one and names all."""
+"""The scripts in examples/scripts run, are short, and find what they say; docs/python.md names all."""
 
 from __future__ import annotations
 
