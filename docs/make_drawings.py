@@ -1,13 +1,14 @@
 """Draw the pages' line drawings: python docs/make_drawings.py writes docs/images/drawing-*.svg
 
-A parallelogram and a balancer with the symbols of docs/model.md, and what stands where on the measuring day.
+A parallelogram and a balancer with the symbols of docs/model.md, what stands where on the measuring day, and four
+terms of docs/glossary.md. All have a white ground: dark pages show them as light ones and paper do.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from math import atan2, cos, degrees, hypot, radians, sin
+from math import atan2, cos, degrees, exp, hypot, radians, sin
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
@@ -16,7 +17,10 @@ STYLE = """text { font: 15px sans-serif; fill: #222 } .sym { font-style: italic 
 .link { stroke: #555; stroke-width: 12; stroke-linecap: round } .bar { stroke: #0072B2; stroke-width: 5 }
 .thin { stroke: #222; stroke-width: 1; fill: none } .dash { stroke: #777; stroke-width: 1.2; stroke-dasharray: 5 4 }
 .spring { stroke: #D55E00; stroke-width: 2.5; fill: none } .pivot { fill: #fff; stroke: #222; stroke-width: 2 }
-.ground { fill: #ddd; stroke: #222 } .load { stroke: #D55E00; stroke-width: 3; fill: none } .mark { fill: #009E73 }"""
+.ground { fill: #ddd; stroke: #222 } .load { stroke: #D55E00; stroke-width: 3; fill: none } .mark { fill: #009E73 }
+.wide { stroke: #D55E00; stroke-width: 2.5; stroke-dasharray: 9 5; fill: none } .read { fill: #0072B2 }
+.narrow { stroke: #0072B2; stroke-width: 2.5; stroke-dasharray: 2 4; fill: none }
+.after { stroke: #222; stroke-width: 3; fill: #ddd } .beam { stroke: #009E73; stroke-width: 2.5 }"""
 
 
 def along(a: Point, angle: float, length: float) -> Point:
@@ -203,12 +207,134 @@ def zero_angles() -> list[str]:
     ]
 
 
+def dots(points: Sequence[Point], kind: str, radius: float) -> str:
+    return "".join(f'<circle class="{kind}" cx="{x:.1f}" cy="{y:.1f}" r="{radius:g}"/>' for x, y in points)
+
+
+def _from_above(axis: Point, turn: float, said: Sequence[str]) -> list[str]:
+    """An arm from above and its tracker, both turned about axis 1 by an angle in deg."""
+    elbow = along(axis, 100 + turn, 85)
+    tool = along(elbow, 45 + turn, 70)
+    marks = [along(tool, angle + turn, 24) for angle in (100, 45, -10)]
+    tracker = along(axis, 20 + turn, 150)
+    return [
+        *(line(tracker, m, "beam") for m in marks),
+        line(axis, elbow, "link"),
+        line(elbow, tool, "link"),
+        dots([axis], "ground", 18),
+        pivot(axis, elbow),
+        dots(marks, "mark", 7),
+        *(arrow(tracker, along(tracker, angle + turn, 38), "thin") for angle in (0, 90)),
+        f'<rect class="pivot" x="{tracker[0] - 9:.1f}" y="{tracker[1] - 9:.1f}" width="18" height="18" rx="4"/>',
+        *(text((axis[0] - 28, axis[1] + 42 + 20 * k), words) for k, words in enumerate(said)),
+    ]
+
+
+def gauge_freedom() -> list[str]:
+    """Seen from above: the zero of joint 1 and the tracker's frame are off by one angle, and every beam is the same."""
+    right, off = (50.0, 200.0), (305.0, 200.0)
+    return [
+        *_from_above(right, 0.0, ("zero of joint 1: right,", "tracker's frame: right")),
+        *_from_above(off, 18.0, ("zero of joint 1: 18 deg off,", "tracker's frame: 18 deg off")),
+        line(off, along(off, 100, 85), "dash"),
+        text((112, 42), "reflectors"),
+        text((150, 182), "tracker, its frame"),
+        text((20, 292), "In the tracker's frame every beam is the same:"),
+        text((20, 312), "no reading shows that anything is off."),
+    ]
+
+
+def _bell(kind: str, mean: float, sd: float, closed: bool = False) -> str:
+    """A normal density: 34 px a unit, the axis at y = 250."""
+    at = [mean + sd * k / 10 for k in range(-32, 33)]
+    points = [(240 + 34 * x, 250 - 330 * 0.3989 / sd * exp(-0.5 * ((x - mean) / sd) ** 2)) for x in at]
+    shape = "polygon" if closed else "polyline"
+    listed = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
+    return f'<{shape} class="{kind}" points="{listed}"/>'
+
+
+def prior() -> list[str]:
+    """The prior's wide bell, that of the readings alone, and the narrowest one of both together, the posterior."""
+    (m0, s0), (m1, s1) = (-0.8, 1.8), (1.8, 0.9)
+    weight = (s0**-2, s1**-2)
+    mean, sd = (m0 * weight[0] + m1 * weight[1]) / sum(weight), sum(weight) ** -0.5
+    return [
+        _bell("after", mean, sd, closed=True),
+        _bell("wide", m0, s0),
+        _bell("narrow", m1, s1),
+        arrow((15, 250), (465, 250), "thin"),
+        text((330, 272), "value of a parameter"),
+        text((30, 130), "prior: what is known"),
+        text((30, 150), "before the readings"),
+        text((350, 150), "the readings"),
+        text((350, 170), "alone"),
+        text((190, 55), "posterior: both together"),
+    ]
+
+
+def _visit(foot: Point, shared: Point, name: str) -> list[str]:
+    """Three markers of a tool: where the model puts them, and their reads, moved by the error of the visit."""
+    places = [(foot[0], foot[1]), (foot[0] + 110, foot[1] + 30), (foot[0] + 40, foot[1] + 105)]
+    own = ((-9, 3), (5, -8), (8, 7)), ((3, 9), (-8, -5), (9, -3)), ((-6, -7), (9, 1), (-3, 9))
+    parts = [line(a, b, "dash") for a, b in zip(places, [*places[1:], places[0]], strict=True)]
+    for (x, y), errors in zip(places, own, strict=True):
+        to = (x + shared[0], y + shared[1])
+        parts += [dots([(x, y)], "pivot", 7), arrow((x, y), to)]
+        parts.append(dots([(to[0] + u, to[1] + v) for u, v in errors], "read", 3.5))
+    return [*parts, text((foot[0] + 10, foot[1] - 45), name)]
+
+
+def visit_and_read() -> list[str]:
+    """Two visits of one pose: the markers of a visit share an error, and each read has one of its own."""
+    return [
+        *_visit((60.0, 80.0), (34.0, -16.0), "visit 1"),
+        *_visit((300.0, 80.0), (-22.0, 26.0), "visit 2"),
+        dots([(30.0, 246.0)], "pivot", 7),
+        text((60, 251), "where the model puts a marker"),
+        arrow((16.0, 276.0), (46.0, 270.0)),
+        text((60, 279), "repeatability error: the same for all markers of a visit"),
+        dots([(24.0, 302.0), (31.0, 297.0), (36.0, 305.0)], "read", 3.5),
+        text((60, 307), "reads of one marker: each has its own error"),
+    ]
+
+
+def size() -> list[str]:
+    """What an effect adds to the readings: one part the fitted parameters explain, the rest, in sds of the noise, is s."""
+    foot, unit = (90.0, 270.0), 26.0
+    top = (330.0, foot[1] - 8 * unit)
+    parts = [
+        f'<circle class="ground" cx="{foot[0]}" cy="{foot[1]}" r="{unit}"/>',
+        arrow(foot, (470.0, foot[1]), "thin"),
+        line((foot[0], foot[1]), (foot[0], 30.0), "thin"),
+        line((foot[0], top[1]), top, "dash"),
+        line((top[0], foot[1]), top, "load"),
+        arrow(foot, top, "beam"),
+    ]
+    for n, said in ((4, "s = 4"), (8, "s = 8")):
+        y = foot[1] - n * unit
+        parts += [line((foot[0] - 6, y), (foot[0] + 6, y), "thin"), text((foot[0] - 60, y + 5), said)]
+    return [
+        *parts,
+        text((345, 150), "s: the part that"),
+        text((345, 170), "no fit explains,"),
+        text((345, 190), "in sds of noise"),
+        text((130, 45), "what the effect adds to the readings"),
+        text((130, 295), "what the fitted parameters can explain"),
+        text((20, 320), "1 sd of the noise"),
+        line((85.0, 305.0), (88.0, 288.0), "thin"),
+    ]
+
+
 DRAWINGS = {
     "third-angle": (third_angle, 720, 345),
     "zero-angles": (zero_angles, 670, 420),
     "parallelogram": (parallelogram, 540, 410),
     "balancer": (balancer, 480, 450),
     "day": (day, 740, 400),
+    "gauge-freedom": (gauge_freedom, 480, 325),
+    "prior": (prior, 480, 285),
+    "visit-and-read": (visit_and_read, 480, 320),
+    "size": (size, 480, 335),
 }
 
 
@@ -217,7 +343,8 @@ def svg(name: str) -> str:
     draw, width, height = DRAWINGS[name]
     said = " ".join((draw.__doc__ or "").split())
     head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" role="img">'
-    return "\n".join([head, f"<title>{said}</title>", f"<style>{STYLE}</style>", *draw(), "</svg>", ""])
+    paper = f'<rect width="{width}" height="{height}" fill="#fff"/>'
+    return "\n".join([head, f"<title>{said}</title>", f"<style>{STYLE}</style>", paper, *draw(), "</svg>", ""])
 
 
 if __name__ == "__main__":
