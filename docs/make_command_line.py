@@ -50,13 +50,13 @@ def _list(rows: list[tuple[str, str]]) -> str:
 
 def _section(name: str, command: Any, shared: list[tuple[str, str]]) -> str:
     asked, rows = _asked(command), [_row(p) for p in _options(command)]
-    usage = " ".join(["qsf", name, *(left.strip("`") for left, _ in asked)])
+    usage = f"`{' '.join(['qsf', name, *(left.strip('`') for left, _ in asked)])}`: " if asked else ""
     own = [row for row in (*asked, *rows) if row not in shared]
     listed = f"\n{_list(own)}" if own else ""
     also = ", ".join(left.partition("` ")[0].rstrip("`") + "`" for left, right in rows if (left, right) in shared)
     more = f"\nAlso {also}.\n" if also else ""
     doc = " ".join((command.help or "").split())
-    return f"\n## `qsf {name}`\n\n{_escaped(doc)}\n\n```\n{usage}\n```\n{listed}{more}"
+    return f"\n## `qsf {name}`\n\n{usage}{_escaped(doc)}\n{listed}{more}"
 
 
 def _asked(command: Any) -> list[tuple[str, str]]:
