@@ -299,7 +299,7 @@ def visit_and_read() -> list[str]:
 
 
 def size() -> list[str]:
-    """What an effect adds to the readings: one part the fitted parameters explain, the rest, in sds of the noise, is s."""
+    """What an effect adds to the readings: one part the fitted parameters explain, the rest, in sds of noise, is s."""
     foot, unit = (90.0, 270.0), 26.0
     top = (330.0, foot[1] - 8 * unit)
     parts = [

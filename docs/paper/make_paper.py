@@ -208,12 +208,14 @@ def thirty_five(curves: dict[str, Array], weighted: dict[str, Array]) -> str:
     return f"""### Why 35 deg and not 47 to 50
 
 Tables 1 and 2 weigh every aggregated stiffness alike, but step one knows k2 the worse the more upright link 2
-stands. With its covariance as the weight the best middle angle of the trace moves from {rows[0][1]} to {rows[0][2]} deg; 35 deg is within 1 % of it, 48 deg loses {rows[0][4]} ({weighed}).
+stands. With its covariance as the weight the best middle angle of the trace moves from {rows[0][1]} to
+{rows[0][2]} deg; 35 deg is within 1 % of it, 48 deg loses {rows[0][4]} ({weighed}).
 
 ![trace against the middle angle, alike and weighted](images/paper-weighted.svg)
 
 With the M-900iB's b = 90 deg - q2 in (22), 0, 35 and 120 deg have {best[0][2]} times the best trace and {best[1][2]}
-times the best determinant ({table("on-the-robot", ["criterion", "best q2, deg", "0, 35, 120 over the best"], best)})."""
+times the best determinant
+({table("on-the-robot", ["criterion", "best q2, deg", "0, 35, 120 over the best"], best)})."""
 
 
 def table_5(designed: Designed) -> str:
