@@ -77,13 +77,11 @@ def checked(verb: Callable[P, T]) -> Callable[P, T]:
 
 def check_options(options: object) -> None:
     """Check the values of a dataclass of options against their annotations, as `checked` does those of a verb."""
-    annotations: dict[str, str] = {k: v for c in reversed(type(options).__mro__) for k, v in _own(c).items()}
+    annotations: dict[str, str] = {}
+    for kind in reversed(type(options).__mro__):
+        annotations |= _plain(kind, vars(kind).get("__annotations__", {}))
     for name, value in _converted(vars(options), annotations).items():
         object.__setattr__(options, name, value)
-
-
-def _own(kind: type) -> dict[str, str]:
-    return _plain(kind, vars(kind).get("__annotations__", {}))
 
 
 def _plain(declared: Any, annotations: Mapping[str, Any]) -> dict[str, str]:

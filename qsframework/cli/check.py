@@ -156,7 +156,7 @@ def _of_fit(fit: Fit, mistakes: Sequence[Mistake]) -> list[Line]:
     from qsframework.report.words.fit import verdict_words
 
     table, lines = {c.name for c in mistakes}, [(None, "noise", said) for said in fit.about_noise]
-    wrong = [(False, f.title, f.words) for f in findings_of(fit, mistakes) if f.name not in table]
+    wrong = [(False if f.stops else None, f.title, f.words) for f in findings_of(fit, mistakes) if f.name not in table]
     if fit.widening > TOO_LARGE**2 and not wrong:
         lines.append((None, "residuals", verdict_words(fit)))
     return [*lines, *wrong]

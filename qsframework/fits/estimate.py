@@ -17,7 +17,7 @@ CLEAR = 3.0
 _ABSURD = 100.0
 """Natural sizes beyond which an estimate is not plausible, whatever its sd: a joint's zero 6 deg off, a link 100 times
 as soft, three payloads of unknown mass. The sizes and what they rest on stand with each effect."""
-_FAR = 5.0
+FAR = 5.0
 """Prior standard deviations from the initial value beyond which an estimate deserves a second look."""
 _LIMIT = 1.96
 
@@ -66,6 +66,11 @@ class Estimate(FileRecord):
         """How far the value lies beyond its bounds."""
         return max(self.lower - self.value, self.value - self.upper, 0.0)
 
+    @property
+    def from_prior(self) -> float:
+        """Sds by which the value lies from what was known before the readings; 0 where these alone count."""
+        return 0.0 if self.share is None or not self.prior_sd else abs(self.value - self.initial) / self.prior_sd
+
 
 def estimate_of(p: Parameter, value: float, sd: float, free: float, counted: bool = False) -> Estimate:
     """An estimate with its state, of a parameter as it was known before; `free` is the sd that it would have without
@@ -104,7 +109,7 @@ def _state(p: Parameter, value: float, sd: float, free: float) -> tuple[Estimate
         return EstimateState.NOT_IDENTIFIABLE, None
     if beyond > 0.0:
         return EstimateState.BEYOND_BOUND, (abs(value) + _LIMIT * sd) if beyond <= sd else None
-    if p.sd is not None and abs(value - p.nominal) > _FAR * p.sd:
+    if p.sd is not None and abs(value - p.nominal) > FAR * p.sd:
         return EstimateState.OUTSIDE_PRIOR, None
     if sd > abs(value):
         return EstimateState.UPPER_LIMIT, abs(value) + _LIMIT * sd

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
+from qsframework.errors import listed
 from qsframework.estimation.tails import chi2_sf
 from qsframework.experiment.finding import Finding
-from qsframework.fits.estimate import EstimateState
+from qsframework.fits.estimate import FAR, EstimateState
 from qsframework.fits.record import SIGNIFICANT, FitRecord
 from qsframework.screening import FILES, STAND_OUT, Mistake
 
@@ -18,6 +19,8 @@ _INSTRUMENTS = 1e-6, 1e-2
 """m, of one coordinate: from an interferometer on a short line to a pair of cameras across a hall."""
 _CARRIES = 0.5
 """Of the error of the nominal arm: a fit that leaves more of it at held-out poses predicts little."""
+_ALONE = 20.0
+"""Times as far off as half of the others: a zero by more than a degree, a joint by a centimetre."""
 _IDENTIFIED = (EstimateState.FINE, EstimateState.OUTSIDE_PRIOR, EstimateState.FIXED)
 
 
@@ -65,7 +68,21 @@ def noise_findings(sigma: float, ratio: float, held_out: tuple[float, float]) ->
 
 
 def _of_estimates(fit: FitRecord) -> Iterator[Finding]:
-    """A fit that identifies none of its parameters."""
+    """A fit that identifies none of its parameters; values that nothing known before the readings would expect."""
     if not any(e.state in _IDENTIFIED for e in fit.estimates):
         mend = "Measure more poses or larger loads: `qsf design` plans them."
         yield Finding("nothing_identified", f"none of {len(fit.estimates)} parameters is identified", mend)
+    yield from outside_prior({e.name: e.from_prior for e in fit.estimates if e.from_prior})
+
+
+def outside_prior(distance: Mapping[str, float]) -> Iterator[Finding]:
+    """Values that lie too many sds (`distance`, by name) from what was known of them before the readings.
+
+    One that lies there alone stops what follows: a zero that far off and a column that is off by as much look alike,
+    and by the one the arm is mended, by the other spoiled.
+    """
+    outside = [f"{name} by {sds:.0f} sds" for name, sds in distance.items() if sds > FAR]
+    if outside:
+        words = f"{listed(outside)} from what was known: the arm is so, or a column or a file is off by as much"
+        mend, usual = "Look at each: these readings show only their sum.", float(np.median([*distance.values()]))
+        yield Finding("outside_prior", words, mend, stops=max(distance.values()) > _ALONE * max(usual, 1.0))

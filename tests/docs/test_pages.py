@@ -16,6 +16,10 @@ def test_every_page_is_in_the_menu(root: Path) -> None:
     assert sorted(menu) == sorted(path.name for path in (root / "docs").glob("*.md"))
 
 
+def test_all_pages_have_no_more_words_than_a_short_book(root: Path) -> None:
+    assert sum(len(page.read_text().split()) for page in (root / "docs").glob("*.md")) <= 30_000
+
+
 def test_links_lead_somewhere(root: Path) -> None:
     for page in (root / "docs").glob("*.md"):
         for target in re.findall(r"\]\(([^)#:]+)\)", page.read_text()):

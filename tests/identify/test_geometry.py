@@ -177,3 +177,15 @@ def test_an_experiment_reads_values_of_the_geometry_that_it_only_names(more: str
     model = again.model()
     for e in fit.estimates[6:]:
         assert model.nominal[model.index([e.name])[0]] == pytest.approx(e.value, rel=1e-12)
+
+
+@pytest.mark.parametrize(("off", "stops"), [(2e-3, ()), (9e-3, (False,)), (3.5e-2, (True,))])
+def test_a_zero_far_from_what_is_known_may_be_a_column(off: float, stops: tuple[bool, ...], tmp_path: Path) -> None:
+    """Readings of an arm whose fifth angle was written down wrong, or whose zero is off by as much."""
+    experiment = written(tmp_path, FILE + "fit: [geometry, marker_offset]\n")
+    q, model = spread(), experiment.model()
+    x = np.where(np.char.startswith(np.array(model.names), "joint_compliance"), 0.0, model.nominal)
+    x[model.index(["joint_offset[joint_5]"])] = off
+    fit = identify(experiment, states(experiment, q, x))
+    assert tuple(f.stops for f in fit.account.findings) == stops
+    assert all(f.words.startswith("joint_offset[joint_5] by ") for f in fit.account.findings)

@@ -112,11 +112,11 @@ def visit_noise(rows: ReadingRows) -> VisitNoise:
     Where every visit has one marker, that error cannot be told from the marker's own: rho is 0. Where the arm's
     repeatability is stated, rho is known.
     """
-    own, typical = _visits(rows), _typical(rows)
+    shared, typical = np.unique(rows.label[rows.label >= 0], return_counts=True)[1], _typical(rows)
     known = rows.readings.repeatability if rows.stated else None
     rhos = np.array([known / typical]) if known else np.array(RHOS[:1] if rows.lone_visits else RHOS)
     noises = tuple(rows.sharing(float(rho) * typical).padded_noise for rho in rhos)
-    return VisitNoise(rhos, noises, len(own), float(own.mean()) if len(own) else 1.0)
+    return VisitNoise(rhos, noises, len(shared), float(shared.mean()) if len(shared) else 1.0)
 
 
 def bic(rows: ReadingRows, fit: SettledFit, at: Indices | None = None) -> float:
@@ -129,11 +129,6 @@ def bic(rows: ReadingRows, fit: SettledFit, at: Indices | None = None) -> float:
         for noise in visit_noise(rows).noises
     )
     return min(costs) + fit.basis().shape[1] * float(np.log(count))
-
-
-def _visits(rows: ReadingRows) -> Indices:
-    """How many coordinates share the error of each visit along an axis."""
-    return np.unique(rows.label[rows.label >= 0], return_counts=True)[1]
 
 
 def _typical(rows: ReadingRows) -> float:

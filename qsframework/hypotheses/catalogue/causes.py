@@ -113,7 +113,9 @@ def find_causes(
         if missing:
             untested.append(Untested(effect.name, missing))
         else:
-            causes.append(_absent(effect, facts))
+            # what no reading can show without the effect stays as it is known
+            parameters = tuple(p for p in given(effect, "parameters", facts) if not p.modifies)
+            causes.append(Cause(effect.name, (effect,), parameters, False))
     return tuple(c for c in causes if c.parameters and not _of_still(c, facts, seen)), tuple(untested)
 
 
@@ -184,11 +186,6 @@ def _present(effect: Effect, fitted: Sequence[str], model: Model) -> Cause:
     values = dict(zip(model.names, model.parameters, strict=True))
     own = tuple(values[p.name] for p in effect.parameters(model.facts) if p.name not in fitted)
     return Cause(effect.name, (effect,), own, True)
-
-
-def _absent(effect: Effect, facts: RobotFacts) -> Cause:
-    """Of an effect that is not there: what no reading can show without it stays as it is known."""
-    return Cause(effect.name, (effect,), tuple(p for p in given(effect, "parameters", facts) if not p.modifies), False)
 
 
 def proposed(model: Model) -> list[Effect]:
