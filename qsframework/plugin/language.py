@@ -224,7 +224,8 @@ def _check(path: Path, points: Sequence[ProgrammePoint], motions: int) -> None:
             Problem("holds too many points", str(path), points[_MOST].line, found=found, allowed=allowed, hint=hint)
         )
     if not motions and not problems:
-        problems.append(Problem("holds no motion", str(path), 1))
+        hint = "Give the programme that moves the arm: one that this calls, or that calls this."
+        problems.append(Problem("holds no motion", str(path), 1, hint=hint))
     refuse(problems)
 
 
