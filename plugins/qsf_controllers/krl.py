@@ -275,8 +275,7 @@ def _definitions(line: SourceStatement, names: Names) -> None:
     words = line.upper
     at = next((k for k, word in enumerate(words) if word not in _BEFORE), 0)
     if words[at] in ("DEF", "DEFFCT"):
-        for token in bracketed(line.tokens, words.index("(")) or () if "(" in words else ():
-            names.change(line, token.text)  # what a routine is given hides what is known by the same name
+        names.begin(line)
         return
     declared = words[at] in _TYPES and len(words) > at + 1
     sides = [split(part, "=") for part in split(line.tokens[at + 1 :])] if declared else [split(line.tokens[at:], "=")]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TypeVar
 
 from qsframework.plugin import (
@@ -33,7 +34,7 @@ class Names:
     """The points of a programme by their names, and why the names stand for no point.
 
     literal: reads a point of numbers; here: names of where the arm stands; fold: how a name is compared; copies: names
-    that stand for another's point
+    that stand for another's point; routines: where in a file they begin, and the names of what they are given
     """
 
     literal: Literal
@@ -43,11 +44,25 @@ class Names:
     changes: dict[str, str] = field(default_factory=dict[str, str])
     copies: dict[str, str] = field(default_factory=dict[str, str])
     frames: dict[str, set[tuple[str, str]]] = field(default_factory=dict[str, set[tuple[str, str]]])
+    routines: dict[Path, dict[int, set[str]]] = field(default_factory=dict[Path, dict[int, set[str]]])
+
+    def begin(self, head: SourceStatement) -> None:
+        """A routine begins; until the next of its file, what it is given hides what else has the name."""
+        given = bracketed(head.tokens, head.upper.index("(") if "(" in head.upper else 0) or ()
+        self.routines.setdefault(head.path, {})[head.tokens[0].start] = {self.fold(token.text) for token in given}
+        for token in given:
+            self.change(head, token.text)
+
+    def _key(self, statement: SourceStatement, name: str) -> str:
+        """By what a name is known where a statement stands."""
+        key, begins = self.fold(name), self.routines.get(statement.path, {})
+        at = max((start for start in begins if start <= statement.tokens[0].start), default=-1)
+        return f"{at} {key}" if re.split(r"[\[{.]", key)[0] in begins.get(at, ()) else key
 
     def give(self, statement: SourceStatement, name: str, value: Sequence[Token]) -> bool:
         """Name gets a value: a point of numbers or another's, if this is the first value that it gets. Whether it is a
         point."""
-        key, read, other = self.fold(name), self.literal(value), self.fold(shown(value))
+        key, read, other = self._key(statement, name), self.literal(value), self._key(statement, shown(value))
         given = key in self.points or key in self.changes or key in self.copies
         if not given and (other in self.points or other in self.copies):
             self.copies[key] = other
@@ -67,12 +82,13 @@ class Names:
 
         routine: the one that is given the name and may change it
         """
-        first = self.points.get(self.fold(name))
+        key = self._key(statement, name)
+        first = self.points.get(key)
         at = f"in lines {first.line} and {statement.line}" if first else f"in line {statement.line}"
         said = f"{name} gets its value {at} when the programme runs"
         if routine:
             said = f"{name} is given to {routine} in line {statement.line}, which may change it when the programme runs"
-        self.changes.setdefault(self.fold(name), said)
+        self.changes.setdefault(key, said)
 
     def motion(
         self, statement: SourceStatement, targets: Sequence[Sequence[Token]], stated: tuple[str, str], wrong: str = ""
@@ -89,10 +105,11 @@ class Names:
                 self.give(statement, name, tokens)
                 goes.append(name)
             else:
-                found, said = self._named(tokens)
+                found, said = self._named(statement, tokens)
                 goes += found
                 wrong = wrong or said
-                keep = shown(tokens) if said and len(tokens) == 1 else keep
+                if said and len(tokens) == 1 and self._key(statement, tokens[0].text) == self.fold(tokens[0].text):
+                    keep = tokens[0].text
         wrong = wrong or ("" if goes or stands else "it names no point")
         for name in goes if not wrong else ():
             self.frames.setdefault(self.fold(name), set()).add(stated)
@@ -102,17 +119,17 @@ class Names:
             statement=statement, points=names, keep=keep, stands=stands and not names, problem=problem
         )
 
-    def _named(self, tokens: Sequence[Token]) -> tuple[list[str], str]:
+    def _named(self, statement: SourceStatement, tokens: Sequence[Token]) -> tuple[list[str], str]:
         """The points that a name, or the element of an array, may be, and why it is none."""
         inside = bracketed(tokens, 1) if len(tokens) > 3 and tokens[1].text in "[{" else None
         if not tokens or tokens[0].kind != "word" or len(tokens) not in (1, 3 + len(inside or ())):
             return [], f"{shown(tokens) or 'its place'} is computed when the programme runs"
         if len(tokens) == 1 or (inside and inside[0].kind == "number"):
-            keys = [self.fold(shown(tokens))]
+            keys = [self._key(statement, shown(tokens))]
         else:  # any element
-            start = self.fold(shown(tokens[:2]))
+            start = self._key(statement, shown(tokens[:2]))
             keys = [key for known in (self.points, self.changes) for key in known if key.startswith(start)]
-        passed = [self.fold(tokens[0].text), *keys]
+        passed = [self._key(statement, tokens[0].text), *keys]
         while copied := [key for key in keys if key in self.copies]:
             keys = [self.copies.get(key, key) for key in keys]
             passed += [self.copies[key] for key in copied]

@@ -51,7 +51,7 @@ GRAMMAR = re.compile(
     rf"(?P<remark>![^\n]*)|(?P<string>\"(?:[^\"\n]|\"\")*\")|{NUMBER}|(?P<word>[^\W\d]\w*)|(?P<end>;)|(?P<sign>:=|\S)"
 )
 _MOTION = re.compile(
-    r"MOVE(?:ABSJ|J|L|C|EXTJ)(?:DO|AO|GO|SYNC|STD)?|TRIGG(?:ABSJ|J|L|C)(?:IOS)?|SEARCH(?:L|C|EXTJ)|EGMMOVE[LC]"
+    r"MOVE(?:ABSJ|J|L|C|EXTJ)(?:DO|AO|GO|SYNC|STD)?|TRIGG(?:ABSJ|J|L|C)(?:IOS)?|SEARCH(?:L|C|EXTJ)|EGM(?:MOVE[LC]|RUN\w+)"
     r"|(?:ARC|CAP|CUT|DISP|LASER|PAINT)[LC](?:START|END|\d)?|(?:NUT|SPOTM?|STUD)[LJ]"
 )
 _INSTRUCTION = re.compile(r"\w+(?:ABSJ|J|L|C|M)(?:\d|START|END|DO|AO|GO|SYNC|STD)?")
@@ -65,7 +65,7 @@ _BEFORE_NAMES = ("PROC", "FUNC", "TRAP", ".", "\\", ",", "(", "[", ":=", *_TYPES
 _UNUSED = 8.9e9
 _ROUGH = 1e-3
 _SHIFT = "a programme displacement (PDispOn, PDispSet) shifts it when it runs"
-_FORCE = "the arm gives way here (SoftAct, FCAct): it does not end at its point"
+_FORCE = "the arm gives way or is guided here (SoftAct, FCAct, EGM): it does not end at its point"
 _SHIFTS = {"PDISPON": _SHIFT, "PDISPSET": _SHIFT, "PDISPOFF": "", "SOFTACT": _FORCE, "SOFTDEACT": ""}
 _SHIFTS |= {"FCACT": _FORCE, "FCDEACT": "", "EGMSTREAMSTART": _FORCE, "EGMSTREAMSTOP": ""}
 _SENSORS = ("CORR", "TRACK")
@@ -81,7 +81,7 @@ _READS = re.compile(
     r"OFFS|RELTOOL|DISTANCE|CALC(?:JOINT|ROB)T|CROBT|CJOINTT|CPOS|MIRPOS|ORIENTZYX|EULERZYX|ABS|SQRT|DIM"
     r"|POSE(?:MULT|INV|VECT)|VECTMAGN|DOTPROD|DEF(?:D|ACC)?FRAME|ROUND|TRUNC|(?:VAL|NUM)TOSTR|PRESENT|ARGNAME"
     r"|IS(?:PERS|VAR)|TP(?:WRITE|SHOW)|WRITE(?:ANY)?(?:BIN)?|PACKRAWBYTES|ERR(?:WRITE|LOG)|UIMSGBOX|STOP|EXIT"
-    r"|WAIT(?:TIME|UNTIL|ROB|[DAG][IO])|PDISP(?:ON|SET)|WZ(?:BOX|CYL|SPH|HOMEJOINT|LIMJOINT)DEF|GRIPLOAD|SETSYSDATA"
+    r"|WAIT(?:TIME|UNTIL|ROB|[DAG][IO])|PDISP(?:ON|SET)|WZ(?:BOX|CYL|SPH|HOMEJOINT|LIMJOINT)DEF|GRIPLOAD|SETSYSDATA|EGM\w+"
 )
 """Routines of RAPID that change no point which they are given."""
 _REMOTE = "stands in the cell (robhold FALSE) and the arm holds the work, which is not corrected"
@@ -277,8 +277,10 @@ def _declared(line: SourceStatement, names: Names, data: Mapping[str, _Data]) ->
     """What a line gives to names: declarations of targets, arrays of them, tools, work objects; assignments."""
     words = line.upper
     for k, word in enumerate(words[:-1]):
-        if word in _TYPES and (":=" not in words[k + 2 : k + 6] or ")" in words[k + 2 : k + 6]):
-            names.change(line, line.tokens[k + 1].text)  # a variable, or what a routine is given
+        if word in _HEADS:
+            names.begin(line.after(k))
+        elif word in _TYPES and (":=" not in words[k + 2 : k + 6] or ")" in words[k + 2 : k + 6]):
+            names.change(line.after(k), line.tokens[k + 1].text)  # a variable, or what a routine is given
     if ":=" not in words:
         return
     at = words.index(":=")
@@ -363,7 +365,7 @@ def _motion(
     parts = [p for p in parts if p]
     if verb.startswith("SEARCH") and len(parts) > 1:
         parts = parts[2:]
-    count = 2 if _SUFFIX.sub("", verb).endswith("C") else 1
+    count = 0 if verb.startswith("EGMRUN") else 2 if _SUFFIX.sub("", verb).endswith("C") else 1
     last = parts[count + 2 if verb.startswith(("MOVE", "EGM")) else -1 :][:1]
     tool = shown(last[0]).lower() if last and len(parts) > count + 1 else ""
     words = line.upper
@@ -378,7 +380,7 @@ def _motion(
         wrong = "it does not end with `;` before the next one"
     elif any(words[k - 1] == "\\" and word in _SENSORS for k, word in enumerate(words)):
         wrong = "a sensor shifts its path when it runs (\\Corr, \\Track)"
-    wrong = wrong or (_FORCE if verb.startswith("FC") else guided(here))
+    wrong = wrong or (_FORCE if verb.startswith(("FC", "EGMRUN")) else guided(here))
     for kind, name in (("TOOLDATA", tool), ("WOBJDATA", frame)):
         wrong = wrong or (f"{name} {held}" if (held := data[kind].get(name, (None, ""))[1]) else "")
     return names.motion(line, parts[:count], (tool, frame), wrong)

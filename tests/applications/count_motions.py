@@ -6,6 +6,7 @@ _RAPID = {
     *("movej", "movel", "movec", "moveabsj", "moveextj", "movejdo", "moveldo", "movecdo", "movejsync", "movelsync"),
     *("movecsync", "triggj", "triggl", "triggc", "searchl", "searchc", "searchextj", "spotl", "spotj"),
     *("arcl", "arcc", "arclstart", "arclend", "arccstart", "arccend", "arcl1", "arcl2"),
+    *("egmmovel", "egmmovec", "egmrunjoint", "egmrunpose"),
 }
 _KRL = {"ptp", "lin", "circ", "sptp", "slin", "scirc", "spl", "asyptp"}
 _KRL |= {f"{word}_rel" for word in _KRL}
