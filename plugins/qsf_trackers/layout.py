@@ -34,6 +34,7 @@ _FEWEST = 3
 _VALUE = re.compile(r"meas|measured|actual|act|ist|istwert|messwert|value|wert|result", re.IGNORECASE)
 """Heading of the column that holds what was measured, in a report with one axis a line."""
 _LABEL = re.compile(r"\bOF\s+\w+\s+(\S+)", re.IGNORECASE)
+_ONE_TABLE = "Leave one table in the file: every row as wide as its heading, and text only above it."
 _UNITS = re.compile(r"\bunits?\s*[=:]\s*([a-z]+)", re.IGNORECASE)
 
 
@@ -144,14 +145,14 @@ def _with_rows(sheet: Sheet, rows: Sequence[SheetRow], width: int) -> Sheet:
     if not rows:
         hint = "A point list has at least three numbers in every row; is it an export of points, and not of a report?"
         raise InputError(Problem("holds no rows of numbers", sheet.where, hint=hint))
-    rows, hint = [_fitting(row, width) for row in rows], None
+    rows, hint = [_fitting(row, width) for row in rows], _ONE_TABLE
     if sheet.separator == "," and all(len(row.cells) > width for row in rows):
         hint = "A comma seems to separate the columns and the decimals: export with ';' or a tab between columns."
     _check_widths(sheet, rows, width, hint)
     return replace(sheet, rows=tuple(rows))
 
 
-def _check_widths(sheet: Sheet, rows: Sequence[SheetRow], width: int, hint: str | None = None) -> None:
+def _check_widths(sheet: Sheet, rows: Sequence[SheetRow], width: int, hint: str = _ONE_TABLE) -> None:
     if width > MOST_COLUMNS:
         raise InputError(sheet.problem(None, f"holds more than {MOST_COLUMNS} columns"))
     message, allowed = "wrong number of columns", str(width)
@@ -168,15 +169,17 @@ def _texts(rows: Sequence[SheetRow]) -> tuple[str, ...]:
 
 
 def _first(rows: Sequence[SheetRow]) -> int:
-    """The first row of the table: the first with numbers, unless a heading follows and a table of another width."""
+    """The first row of the table: the first with numbers, unless a heading follows, and it is as wide as no row of the
+    table or begins with nothing, as numbers of markers do."""
     data = [is_data(r.cells) for r in rows]
     first = data.index(True) if True in data else len(rows)
-    rest = data[first + 1 : first + 12]
-    if True in rest and not rest[0]:
-        between = rows[first + 1 : first + 1 + rest.index(True)]
-        wide = len(rows[first].cells) != len(rows[first + 1 + rest.index(True)].cells)
-        if wide and any(sum(re.search(r"[^\W\d]", c) is not None for c in r.cells) >= _FEWEST for r in between):
-            return first + 1 + rest.index(True)
+    while True in (rest := data[first + 1 : first + 12]) and not rest[0]:
+        k = first + 1 + rest.index(True)
+        apart = len(rows[first].cells) != len(rows[k].cells) or not rows[first].cells[0]
+        between = [[c for c in r.cells if re.search(r"[^\W\d]", c)] for r in rows[first + 1 : k]]
+        if not apart or max(map(len, between)) < _FEWEST:
+            break
+        first = k
     return first
 
 
@@ -212,7 +215,7 @@ def _with_marker_names(before: list[SheetRow], data: Sequence[SheetRow]) -> list
 def _stands_over(cells: Sequence[str], heading: Sequence[str]) -> bool:
     """Whether a row is a second heading over another: as wide, or indented, and no line of text."""
     filled = sum(map(bool, cells))
-    return filled > 0 and len(cells) > 1 and (len(cells) == len(heading) or not cells[0]) and not is_data(cells)
+    return filled > 0 and len(cells) > 1 and (not cells[0] or (len(cells) == len(heading) and not is_data(cells)))
 
 
 @dataclass(frozen=True)

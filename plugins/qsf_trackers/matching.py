@@ -282,7 +282,7 @@ def _named(
     if loaded is None and not campaign.loads and not experiment.has_load:
         loaded, by["loaded"] = False, "only"
     if loaded is None:
-        message = f"nothing says whether {point.name!r} was read loaded or unloaded"
+        message = f"nothing says whether {repr(point.name) if point.name else 'this point'} was read loaded or unloaded"
         hint = "Say it of all points, or say which word means it."
         word = state_word(point.name, said.unknown)
         argument = ("word", quoted_word(word)) if word else ("state", "unloaded")

@@ -18,6 +18,7 @@ from qsf_trackers.options import ImportOptions
 from qsf_trackers.sheets import NUMBER
 from qsf_trackers.vocabulary import (
     MEASURED,
+    NOT_MEASURED,
     PLAIN,
     UNIT_COLUMNS,
     Meaning,
@@ -28,6 +29,7 @@ from qsf_trackers.vocabulary import (
     unit_kind,
     unit_of,
     units_above,
+    words_of,
 )
 from qsframework import units
 from qsframework.errors import InputError, Problem, nearest, refuse
@@ -276,8 +278,10 @@ def _complete(sheet: Sheet, roles: dict[str, tuple[int, Meaning]], joints: int) 
     InputError where the columns are neither three coordinates nor all angles; proposes what the cells suggest.
     """
     stems = joint_stems(joints)
-    axes = [a for a in XYZ if a in roles]
     angles = [s for s in stems if s in roles]
+    if len({roles[s][0] for s in angles}) == joints == sheet.width:  # what is stated of the points beside it is not its
+        roles = {s: roles[s] for s in stems}
+    axes = [a for a in XYZ if a in roles]
     if len(axes) == len(XYZ) and (len(angles) < joints or _is_quaternion(sheet, [roles[s][0] for s in stems])):
         return {role: at for role, at in roles.items() if role not in stems}
     if len(angles) == joints and len(axes) in (0, len(XYZ)):
@@ -294,9 +298,12 @@ def _complete(sheet: Sheet, roles: dict[str, tuple[int, Meaning]], joints: int) 
     message = f"no column says that it is {', '.join(missing)}"
     if not sheet.header:
         message = f"the columns have no names, so none is {', '.join(missing)}"
-    hint, argument = "Export points with a name and x, y, z, one point a row.", None
+    row = "points with a name and x, y, z" if "x" in missing else f"the angles of all {joints} joints"
+    hint, argument = f"Export {row}, one a row.", None
     if wanted:
         hint = f"Say which column is which; as proposed, the first rows are {first_rows(sheet, wanted)}."
+        if not sheet.header and sheet.width == joints and wanted[0] == ("x", 0):
+            hint += f" Of a joint log: {','.join(f'{s}={k}' for k, s in enumerate(stems, start=1))}."
         pairs = ",".join(f"{role}={sheet.column(k)}" for role, k in wanted)
         argument = ("map", pairs if re.fullmatch(r"[\w=.,]*", pairs) else quoted_word(pairs))
     raise InputError(sheet.problem(None, message, found=names, hint=hint, argument=argument))
@@ -339,14 +346,27 @@ def _wanted(sheet: Sheet, roles: Mapping[str, tuple[int, Meaning]], missing: Seq
     first = sheet.rows[0].cells
     free = [k for k in range(sheet.width) if k not in used and k < len(first)]
     numeric = [k for k in free if NUMBER.fullmatch(first[k]) and not _counts(sheet, k)]
+    numeric = ("x" in missing and _alike(sheet, numeric)) or numeric
     named = [k for k in free if not NUMBER.fullmatch(first[k]) and re.search(r"\w", first[k])]
     if len(numeric) < len(missing):
         return []
     wanted = [(role, numeric[i]) for i, role in enumerate(missing)]
     texts = [r for r in ("collection", "group", "name") if r not in roles]
-    if "name" in texts and named:
+    if "name" in texts and named and len({*sheet.cells(named[-1])}) > 1:
         wanted = [*zip(texts[-min(len(named), 3) :], named, strict=False), *wanted]
     return wanted
+
+
+def _alike(sheet: Sheet, numeric: Sequence[int]) -> list[int]:
+    """Three columns whose names differ in x, y and z alone: coordinates rather than others, with a unit of length."""
+    columns = {sheet.column(k).lower()[:99]: k for k in numeric}
+    triples = [[h[:i] + axis + h[i + 1 :] for axis in XYZ] for h in columns for i in range(len(h))]
+
+    def order(triple: list[str]) -> tuple[bool, bool]:
+        unit = header_parts(triple[0])[1]
+        return not NOT_MEASURED.isdisjoint(words_of(triple[0])), unit_kind(unit) != "m"
+
+    return [columns[h] for h in min((t for t in triples if columns.keys() >= {*t}), key=order, default=())]
 
 
 def _counts(sheet: Sheet, k: int) -> bool:
@@ -485,7 +505,7 @@ def _unit_problems(sheet: Sheet, taken: Sequence[Taken]) -> list[Problem]:
             message, hint = f"the {what} are in several units", "Export them in one unit."
             out.append(sheet.problem(None, message, found=names, hint=hint))
         elif found == [""] and what == "angles":
-            places = [sheet.header.index(t.column) for t in own if t.column in sheet.header]
+            places = [k for t in own if (k := _place(sheet, t.column)) is not None]
             small = all(abs(v) <= 6.3 for k in places for v in _decimals(sheet, k))  # a whole turn, in rad
             problem = sheet.problem(None, "nothing says the unit of the angles", hint="State it.")
             out.append(replace(problem, column=own[0].column, argument=("unit", "rad" if small else "deg")))

@@ -41,7 +41,8 @@ BLOCK = "block of columns"
 """Heading of what a block of columns was called, once the blocks stand in rows."""
 _OF_ITS_OWN = {
     "name": "name|point|pointname|point name|point id|pointid|target|target name|targetname|id|label|feature|"
-    "feature name|object|object name|objectname|punkt|punktname|bezeichnung|ptid|measurement name|point label",
+    "feature name|element name|object|object name|objectname|punkt|punktname|bezeichnung|ptid|measurement name|"
+    "point label",
     "group": "group|group name|point group|groupname|gruppe",
     "collection": "collection|collection name",
     "block": BLOCK,

@@ -52,7 +52,7 @@ def motive(c: Campaign, body: bool) -> Path:
     heads = [
         ["", "", *["Rigid Body"] * own, *["Marker"] * 6],
         ["", "", *["flange"] * own, *["flange:m1"] * 3, *["flange:m2"] * 3],
-        ["", "", *['"5B2A"'] * own, *['"C2E1"'] * 3, *['"R3F0"'] * 3],
+        ["", "", *['"5B2A"'] * own, *["1"] * 3, *["2"] * 3],
         ["", "", *["Rotation"] * 4 * body, *["Position"] * (3 * body + 6)],
         ["Frame", "Time (Seconds)", *["X", "Y", "Z", "W"] * body, *["X", "Y", "Z"] * (body + 2)],
     ]
@@ -420,6 +420,14 @@ def plotjuggler(c: Campaign) -> Made:
 def rtde(c: Campaign) -> Made:
     head = ["timestamp", *(f"target_q_{k}" for k in range(6)), *(f"actual_q_{k}" for k in range(6))]
     return [points(c), log(c, head, (*range(6), *range(6)), ["12.5"], " "), "--join", "order"]
+
+
+@layout("points and a joint log in degrees, both without headings")
+def no_headings(c: Campaign) -> Made:
+    log = c.write("joints.txt", lines([map(str, d) for d in DEGREES], " "))
+    named = c.write("points.txt", lines([[r.name, *cells(r)] for r in c.readings], " "))
+    columns = ",".join(("name=1,x=2,y=3,z=4", *(f"q{k}={k}" for k in range(1, 7))))
+    return [named, log, "--join", "order", "--map", columns]
 
 
 @layout("a log of q0 ... q5 in radians without a unit")

@@ -202,6 +202,12 @@ def headings_in_other_words(c: Campaign) -> Made:
     return [table(c, header=["Label1", "Ost", "Nord", "Up"])]
 
 
+@spoiled("points.csv, line 1", "no column says that it is x, y, z", "--map name=tool,x=p.t.x,y=p.t.y,z=p.t.z")
+def headings_alike_but_for_the_axes(c: Campaign) -> Made:
+    rows = [[row[0], "0.5", "0.5", "0.5", *row[1:]] for row in rows_of(c)]
+    return [c.write("points.csv", lines([["tool", *(f"p.{o}.{a}" for o in ("rot", "t") for a in "xyz")], *rows]))]
+
+
 @spoiled("points.csv, line 1", "several columns could be x", "'X', 'Measured X'", "--map x='X'")
 def two_columns_for_x(c: Campaign) -> Made:
     rows = [[*row, row[1]] for row in rows_of(c)]
@@ -238,7 +244,7 @@ def an_empty_coordinate(c: Campaign) -> Made:
     return [table(c, r7c3="")]
 
 
-@spoiled("points.csv, line 10", "wrong number of columns", "found 2; allowed: 4")
+@spoiled("points.csv, line 10", "wrong number of columns", "found 2; allowed: 4. Leave one table")
 def a_row_that_is_cut(c: Campaign) -> Made:
     rows = rows_of(c)
     rows[8] = rows[8][:2]
