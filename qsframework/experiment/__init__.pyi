@@ -42,7 +42,6 @@ from .readings_table import (
     displacement_columns as displacement_columns,
     floor_file as floor_file,
     header_of as header_of,
-    holds_states as holds_states,
     state_columns as state_columns,
     write_readings as write_readings,
 )

@@ -114,11 +114,6 @@ def _too_large(value: float, message: str, hint: str) -> Problem | None:
     return Problem(message, found=f"{value:g} m", allowed=f"up to {_LARGEST_DISPLACEMENT} m", hint=hint)
 
 
-def holds_states(path: str | Path) -> bool:
-    """Whether a file is one of states: its header has a column `state` or a position."""
-    return of_states(header_of(Path(path)))
-
-
 def of_states(header: Sequence[str]) -> bool:
     """Whether a header is that of a file of states."""
     return "state" in header or any(name.startswith(("x_", "y_", "z_")) for name in header)

@@ -115,10 +115,10 @@ def test_the_record_has_the_sums() -> None:
         own = [row for name, row in COUNTS.items() if name.endswith(ending)]
         sums = [sum(int(row[k]) for row in own) for k in ("motions", "corrected", "kept", "refused")]
         assert row[1:] == [str(len(own)), *map(str, sums), "0"]
-    _, number, motions, corrected, kept, refused, _ = told[-1]
-    page = (docs / "results.md").read_text()
-    assert f"{number} programmes in the structure" in page
-    assert f"Of {motions} motions {corrected} are corrected, {kept} kept, {refused} refused, none" in page
+    _, number, _, corrected, kept, refused, _ = told[-1]
+    page = " ".join((docs / "results.md").read_text().split())
+    assert f"Of {number} programmes in the structure of these" in page
+    assert f"{corrected} motions are corrected, {kept} kept, {refused} refused" in page
 
 
 @pytest.mark.parametrize("name", LISTINGS)

@@ -13,7 +13,6 @@ from qsframework.experiment import (
     Experiment,
     differences,
     example,
-    holds_states,
     load_experiment,
     observation_model,
     observations,
@@ -369,8 +368,6 @@ def test_files_are_joined_with_their_lines_series_and_frames(tmp_path: Path) -> 
             assert np.array_equal(whole.poses.wrench[a[kept]], part.poses.wrench[b[kept]])
             assert [whole.states.pose[s] for s in a[kept]] == [part.states.pose[s] for s in b[kept]]
         assert np.array_equal(whole.value[rows], part.value)
-    assert holds_states(first)
-    assert not holds_states(moved)
 
 
 def test_displacements_and_positions_that_contradict_each_other(tmp_path: Path) -> None:

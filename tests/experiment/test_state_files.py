@@ -12,7 +12,6 @@ from qsframework.errors import InputError
 from qsframework.experiment import (
     Experiment,
     Readings,
-    holds_states,
     load_experiment,
     read_readings,
     simulate_rows,
@@ -187,13 +186,11 @@ def test_an_experiment_without_a_load_reads_unloaded_states_only(tmp_path: Path)
     head = "pose,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,"
     states = tmp_path / "states.csv"
     states.write_text(head + "marker,state,x_mm,y_mm,z_mm\nA,0,0,0,0,0,0,tool,unloaded,1,2,3\n")
-    assert holds_states(states)
     assert len(read_positions(states, experiment).use) == 1
     loaded = tmp_path / "loaded.csv"
     loaded.write_text(head + "fx_N,fy_N,fz_N,marker,state,x_mm,y_mm,z_mm\nA,0,0,0,0,0,0,0,0,-9,tool,loaded,1,2,3\n")
     displaced = tmp_path / "displaced.csv"
     displaced.write_text(head + "fx_N,fy_N,fz_N,marker,dx_mm,dy_mm,dz_mm\nA,0,0,0,0,0,0,0,0,-9,tool,1,2,3\n")
-    assert not holds_states(displaced)
     for name, read in ((loaded, read_positions), (displaced, read_readings)):
         with pytest.raises(InputError, match="does not say where the load acts"):
             read(name, experiment)

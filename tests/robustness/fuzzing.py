@@ -36,7 +36,6 @@ from qsframework.experiment import (
     Experiment,
     Readings,
     example,
-    holds_states,
     load_experiment,
     read_plan,
     read_poses,
@@ -418,7 +417,7 @@ def _tables(folder: Path) -> dict[str, list[Good]]:
             table("gauges.csv", gauges, lambda p: _used(read_readings(p, m900ib))),
         ],
         "states.csv": [
-            table("states.csv", head(states, 14), lambda p: (holds_states(p), _used(read_readings(p, ur10)))),
+            table("states.csv", head(states, 14), lambda p: _used(read_readings(p, ur10))),
             table("pairs.csv", pairs, lambda p: _used(read_readings(p, m900ib, "differences"))),
         ],
         "targets.csv": [

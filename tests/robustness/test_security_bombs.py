@@ -17,7 +17,6 @@ from qsframework.errors import InputError
 from qsframework.experiment import (
     Experiment,
     example,
-    holds_states,
     load_experiment,
     read_plan,
     read_readings,
@@ -187,7 +186,6 @@ def test_ten_million_rows_are_refused_before_they_are_taken_apart(
     short = rows(tmp_path / "short.csv", "a,b\n", "1,2\n", 10_000_000)
     assert short.stat().st_size == 40_000_004
     assert "more than 250000 lines" in limited(lambda: READERS[name](short, m900ib_small))
-    assert "more than 250000 lines" in limited(lambda: holds_states(short))
     short.unlink()
     long = tmp_path / "long.csv"
     long.write_text(HEADER)
@@ -325,7 +323,6 @@ def everywhere(path: Path, experiment: Experiment) -> Iterator[Callable[[], obje
     yield lambda: read_readings(path, experiment)
     yield lambda: read_plan(path, experiment)
     yield lambda: read_readings([path, path], experiment)
-    yield lambda: holds_states(path)
     yield lambda: read_yaml(path)
 
 
