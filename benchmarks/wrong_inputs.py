@@ -309,7 +309,7 @@ class Outcome:
             return "refused"
         if self.stop:
             return "named, stopped" if self.identify else "stopped"
-        if self.check or self.identify:
+        if self.check or self.stops:
             return "named, left out" if self.masked and not self.harmful else "named, used"
         return "unnoticed, harmful" if self.harmful else "harmless"
 
