@@ -147,16 +147,17 @@ def experiment_lines(experiment: Experiment, readings: Readings) -> list[Line]:
         fit = fit_readings(experiment, used)
     except QsfError as error:
         return [*lines, (False, "fit", str(error))]
-    return [*lines, *_of_fit(fit, mistakes)]
+    return [*lines, *_of_fit(fit, mistakes, experiment, used)]
 
 
-def _of_fit(fit: Fit, mistakes: Sequence[Mistake]) -> list[Line]:
+def _of_fit(fit: Fit, mistakes: Sequence[Mistake], experiment: Experiment, readings: Readings) -> list[Line]:
     """What the residuals say of the noise, and what is wrong beside mistakes in the table."""
     from qsframework.fits.findings import TOO_LARGE, findings_of
     from qsframework.report.words.fit import verdict_words
 
     table, lines = {c.name for c in mistakes}, [(None, "noise", said) for said in fit.about_noise]
-    wrong = [(False if f.stops else None, f.title, f.words) for f in findings_of(fit, mistakes) if f.name not in table]
+    found = [f for f in findings_of(fit, mistakes, experiment, readings) if f.name not in table]
+    wrong = [(False if f.stops else None, f.title, f.words) for f in found]
     if fit.widening > TOO_LARGE**2 and not wrong:
         lines.append((None, "residuals", verdict_words(fit)))
     return [*lines, *wrong]

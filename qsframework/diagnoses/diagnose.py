@@ -29,7 +29,7 @@ from qsframework.estimation import rms
 from qsframework.experiment import Experiment, Readings, make_rows
 from qsframework.experiment.account import account_of
 from qsframework.experiment.before import errors_before
-from qsframework.experiment.prior import priors_of
+from qsframework.experiment.prior import from_priors
 from qsframework.fits.findings import noise_findings, outside_prior, unexplained
 from qsframework.fits.pose_spread import check_pose_spread
 from qsframework.hypotheses.exact_refit import SettledFit
@@ -129,7 +129,8 @@ def _told(
     errors, sigma = _errors(base, extended, held, given, audit), rms(base.start.sigma[base.rows.mask])
     told = [m for m in mistakes if m.told]
     noise = noise_findings(sigma, audit.unit, (errors.nominal, errors.heldout_extended)) if audit.stated else ()
-    unlikely = (*noise, *outside_prior(_from_priors(base, extended)))
+    values = extended.x[extended.model.index(base.fit.names)]
+    unlikely = (*noise, *outside_prior(from_priors(base.fit.model, base.readings, base.fit.names, values)))
     wrong = (*(m.finding for m in told), *unexplained(told, unlikely), *state_findings(*given))
     return Diagnosis(
         account=replace(account, causes=tuple(f.name for f in findings if not f.doubtful), findings=wrong),
@@ -159,14 +160,6 @@ def _told(
         level=options.level,
         seed=options.seed,
     )
-
-
-def _from_priors(base: Baseline, fit: SettledFit) -> dict[str, float]:
-    """By how many sds each fitted value lies from what was known of it before the readings."""
-    model, names = base.experiment.model(), base.fit.names
-    priors, index = priors_of(model, base.readings), model.index(names)
-    sds = np.abs([fit.value(n) for n in names] - priors.value[index]) / priors.sd[index]
-    return dict(zip(names, sds.tolist(), strict=True))
 
 
 def _certain(found: FoundCauses, findings: Sequence[NamedCause]) -> SettledFit:

@@ -46,6 +46,14 @@ def priors_of(model: Model, readings: Readings | None = None) -> Priors:
     return Priors(np.array(values, dtype=float), np.array(sds, dtype=float), tuple(sources))
 
 
+def from_priors(model: Model, readings: Readings, names: Sequence[str], values: Array) -> dict[str, float]:
+    """By how many sds values lie from what was known of them before the readings: the sds of the files, or of an arm as
+    delivered where these are larger, for a zero that was known to a hair moves with a repair."""
+    priors, index = priors_of(model, readings), model.index(names)
+    sds = np.maximum(priors.sd[index], [model.parameters[i].nominal_sd or 0.0 for i in index])
+    return dict(zip(names, (np.abs(values - priors.value[index]) / sds).tolist(), strict=True))
+
+
 def springs_of(model: Model) -> set[str]:
     """Names of the springs of joints, links and balancers: what a campaign is there to tell."""
     balancers = model.names_of(ParallelSpring)

@@ -37,10 +37,6 @@ class FitColumn:
     brief: bool = False
 
 
-def _stiffness(e: Estimate) -> float:
-    return 1.0 / e.value if e.unit in ("rad/(N m)", "m/N") and e.value > 0.0 else math.nan
-
-
 def share_of(e: Estimate, sd: float) -> float:
     """An sd as a share of the value beside it; none of what is nominally zero, as an offset."""
     return sd / abs(e.value) if e.initial and e.value and sd > 0.0 else math.nan
@@ -57,7 +53,11 @@ COLUMNS = [
     FitColumn(key="sd", value=lambda _, e: e.sd, unit=OWN),
     FitColumn(key="sd_total", value=sd_of, unit=OWN),
     FitColumn(key="unit", head="unit", value=lambda _, e: e.unit, unit=OWN, brief=True),
-    FitColumn(head="stiffness", value=lambda _, e: _stiffness(e), unit="stiffness"),
+    FitColumn(
+        head="stiffness",
+        value=lambda _, e: 1.0 / e.value if e.unit in ("rad/(N m)", "m/N") and e.value > 0.0 else math.nan,
+        unit="stiffness",
+    ),
     FitColumn(head="sd, %", value=lambda fit, e: share_of(e, sd_of(fit, e)), unit="%", brief=True),
     FitColumn(key="share", head="identified, %", value=lambda _, e: math.nan if e.share is None else e.share, unit="%"),
     FitColumn(key="limit", head="95 % limit", value=lambda _, e: e.limit, unit=OWN),

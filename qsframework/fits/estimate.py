@@ -66,11 +66,6 @@ class Estimate(FileRecord):
         """How far the value lies beyond its bounds."""
         return max(self.lower - self.value, self.value - self.upper, 0.0)
 
-    @property
-    def from_prior(self) -> float:
-        """Sds by which the value lies from what was known before the readings; 0 where these alone count."""
-        return 0.0 if self.share is None or not self.prior_sd else abs(self.value - self.initial) / self.prior_sd
-
 
 def estimate_of(p: Parameter, value: float, sd: float, free: float, counted: bool = False) -> Estimate:
     """An estimate with its state, of a parameter as it was known before; `free` is the sd that it would have without

@@ -8,10 +8,12 @@ import numpy as np
 
 from qsframework.errors import listed
 from qsframework.estimation.tails import chi2_sf
+from qsframework.experiment import Experiment, Readings
 from qsframework.experiment.finding import Finding
+from qsframework.experiment.prior import from_priors
 from qsframework.fits.estimate import FAR, EstimateState
 from qsframework.fits.record import SIGNIFICANT, FitRecord
-from qsframework.screening import FILES, STAND_OUT, Mistake
+from qsframework.screening import FILES, STAND_OUT, Mistake, find_mistakes, state_findings
 
 TOO_SMALL, TOO_LARGE = 1.0 / 3.0, 3.0
 """Times the stated noise: a tracker's own statement of its noise is no further off."""
@@ -24,7 +26,15 @@ _ALONE = 20.0
 _IDENTIFIED = (EstimateState.FINE, EstimateState.OUTSIDE_PRIOR, EstimateState.FIXED)
 
 
-def findings_of(fit: FitRecord, mistakes: Sequence[Mistake]) -> tuple[Finding, ...]:
+def every_finding(fit: FitRecord, experiment: Experiment, readings: Readings) -> tuple[Finding, ...]:
+    """What is wrong with a fit's readings, with the files of its campaign and with its own size."""
+    mistakes = find_mistakes(experiment, readings)
+    return (*findings_of(fit, mistakes, experiment, readings), *state_findings(experiment, readings))
+
+
+def findings_of(
+    fit: FitRecord, mistakes: Sequence[Mistake], experiment: Experiment, readings: Readings
+) -> tuple[Finding, ...]:
     """What is wrong with a fit's readings and with the robot's files (`mistakes`), and with its own size where no
     mistake of the whole table explains it.
 
@@ -32,7 +42,7 @@ def findings_of(fit: FitRecord, mistakes: Sequence[Mistake]) -> tuple[Finding, .
     """
     mistakes = [one for one in mistakes if one.told and one.name not in STAND_OUT]
     table = [one.finding for one in mistakes if not (fit.options.keep_all and one.mask is not None)]
-    return (*table, *unexplained(mistakes, (*_of_fit(fit), *_of_estimates(fit))))
+    return (*table, *unexplained(mistakes, (*_of_fit(fit), *_of_estimates(fit, experiment, readings))))
 
 
 def unexplained(mistakes: Sequence[Mistake], found: Iterable[Finding]) -> tuple[Finding, ...]:
@@ -67,12 +77,13 @@ def noise_findings(sigma: float, ratio: float, held_out: tuple[float, float]) ->
         )
 
 
-def _of_estimates(fit: FitRecord) -> Iterator[Finding]:
+def _of_estimates(fit: FitRecord, experiment: Experiment, readings: Readings) -> Iterator[Finding]:
     """A fit that identifies none of its parameters; values that nothing known before the readings would expect."""
     if not any(e.state in _IDENTIFIED for e in fit.estimates):
         mend = "Measure more poses or larger loads: `qsf design` plans them."
         yield Finding("nothing_identified", f"none of {len(fit.estimates)} parameters is identified", mend)
-    yield from outside_prior({e.name: e.from_prior for e in fit.estimates if e.from_prior})
+    values = {e.name: e.value for e in fit.estimates if e.share is not None}
+    yield from outside_prior(from_priors(experiment.model(), readings, [*values], np.array([*values.values()])))
 
 
 def outside_prior(distance: Mapping[str, float]) -> Iterator[Finding]:

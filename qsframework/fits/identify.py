@@ -39,7 +39,7 @@ from qsframework.experiment.prior import families, springs_of
 from qsframework.experiment.setup import GEOMETRY, expand_name
 from qsframework.fits.columns import ERRORS
 from qsframework.fits.estimate import Estimate, EstimateState, estimate_of
-from qsframework.fits.findings import findings_of
+from qsframework.fits.findings import every_finding
 from qsframework.fits.fit import KINDS, Fit, Found
 from qsframework.fits.held import held_at_nominal
 from qsframework.fits.load_error import load_columns, load_sds
@@ -59,7 +59,6 @@ from qsframework.screening import (
     find_mistakes,
     find_outliers,
     masked,
-    state_findings,
     told_outliers,
 )
 from qsframework.work.threads import on_one_thread
@@ -98,8 +97,7 @@ def identify(
     experiment = experiment if fit is None else experiment.with_(fit=tuple(fit))
     found = fit_readings(experiment, readings, options)
     used = found.used(readings)
-    findings = (*findings_of(found, find_mistakes(experiment, used)), *state_findings(experiment, used))
-    return replace(found, account=replace(found.account, findings=findings))
+    return replace(found, account=replace(found.account, findings=every_finding(found, experiment, used)))
 
 
 def fit_readings(experiment: Experiment, readings: Readings, options: FitOptions = PLAIN) -> Fit:

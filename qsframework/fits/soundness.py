@@ -18,12 +18,11 @@ from qsframework.experiment.account import UsedFile
 from qsframework.experiment.description import changed_parts
 from qsframework.experiment.observations import start_values
 from qsframework.files import sha256
-from qsframework.fits.findings import findings_of
+from qsframework.fits.findings import every_finding
 from qsframework.fits.identify import fit_readings
 from qsframework.fits.record import FitRecord
 from qsframework.plugin import Array, Parameter
 from qsframework.robot import Robot
-from qsframework.screening import find_mistakes, state_findings
 
 _ROUNDING = 1e-9
 _CORRELATION = 1e-6
@@ -246,7 +245,7 @@ def _explains(fit: FitRecord, experiment: Experiment, readings: Readings) -> Ite
         if not _same_covariance(one, other):
             yield f"its {what} is not the one that its readings give"
             break
-    found = (*findings_of(fit, find_mistakes(campaign, readings)), *state_findings(campaign, readings))
+    found = every_finding(fit, campaign, readings)
     if {(f.name, f.rows, f.stops) for f in fit.account.findings} != {(f.name, f.rows, f.stops) for f in found}:
         yield "what was found wrong in its readings and files is not what is found there now"
     if not fit.masked and not _alike(fit.held_out_error, again.held_out_error):

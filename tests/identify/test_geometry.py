@@ -19,6 +19,7 @@ from qsframework.experiment import (
     read_readings,
     simulate,
 )
+from qsframework.experiment.prior import from_priors
 from qsframework.fits import identify
 from qsframework.fits.io import write_campaign
 from qsframework.information.selection import identifiable_names
@@ -189,3 +190,11 @@ def test_a_zero_far_from_what_is_known_may_be_a_column(off: float, stops: tuple[
     fit = identify(experiment, states(experiment, q, x))
     assert tuple(f.stops for f in fit.account.findings) == stops
     assert all(f.words.startswith("joint_offset[joint_5] by ") for f in fit.account.findings)
+
+
+def test_a_zero_that_was_known_to_a_hair_moves_with_a_repair(tmp_path: Path) -> None:
+    (tmp_path / "n.yaml").write_text("joint_offset[joint_5]: {value_rad: 0.0, sd_rad: 2.0e-5, source: last year}\n")
+    experiment = written(tmp_path, FILE + LISTED + "fit: [geometry, marker_offset]\nnominal: n.yaml\n")
+    readings, zero = states(experiment, spread()[:4], experiment.model().nominal), "joint_offset[joint_5]"
+    far = from_priors(experiment.model(), readings, [zero], np.array([2e-3]))
+    assert far[zero] == pytest.approx(2.0)
