@@ -97,11 +97,12 @@ def run_design(
     margin = margin_words(experiment)
     print_folded(certificate_text(plan), margin, *twin_words(experiment, plan), *beyond)
     print(f"plan: {files.output}")
-    simulated = f"try it: qsf simulate {files.experiment} {files.output}"
+    simulated = f", or try it: qsf simulate {files.experiment} {files.output}"
     if plan.of_positions.any():
-        print(f"next: to the robot: qsf export {files.experiment} {files.output} --to FORMAT -o FILE, or {simulated}")
+        simulated *= bool(plan.of_positions.all())  # positions and displacements are two files
+        print(f"next: to the robot: qsf export {files.experiment} {files.output} --to FORMAT -o FILE{simulated}")
     else:
-        print(f"next: measure each pose unloaded, then loaded, or {simulated}")
+        print(f"next: measure each pose unloaded, then loaded{simulated}")
     if files.json is not None:
         certificate = plan.certificate.as_json() if plan.certificate else None
         content = {"plan": str(files.output), "certificate": certificate, "candidates": found.words()}

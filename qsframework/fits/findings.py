@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
@@ -12,7 +13,8 @@ from qsframework.experiment import Experiment, Readings
 from qsframework.experiment.finding import Finding
 from qsframework.experiment.prior import from_priors
 from qsframework.fits.estimate import FAR, EstimateState
-from qsframework.fits.record import SIGNIFICANT, FitRecord
+from qsframework.fits.fit import Fit
+from qsframework.fits.record import SIGNIFICANT
 from qsframework.screening import FILES, STAND_OUT, Mistake, find_mistakes, state_findings
 
 TOO_SMALL, TOO_LARGE = 1.0 / 3.0, 3.0
@@ -26,14 +28,14 @@ _ALONE = 20.0
 _IDENTIFIED = (EstimateState.FINE, EstimateState.OUTSIDE_PRIOR, EstimateState.FIXED)
 
 
-def every_finding(fit: FitRecord, experiment: Experiment, readings: Readings) -> tuple[Finding, ...]:
+def every_finding(fit: Fit, experiment: Experiment, readings: Readings) -> tuple[Finding, ...]:
     """What is wrong with a fit's readings, with the files of its campaign and with its own size."""
     mistakes = find_mistakes(experiment, readings)
     return (*findings_of(fit, mistakes, experiment, readings), *state_findings(experiment, readings))
 
 
 def findings_of(
-    fit: FitRecord, mistakes: Sequence[Mistake], experiment: Experiment, readings: Readings
+    fit: Fit, mistakes: Sequence[Mistake], experiment: Experiment, readings: Readings
 ) -> tuple[Finding, ...]:
     """What is wrong with a fit's readings and with the robot's files (`mistakes`), and with its own size where no
     mistake of the whole table explains it.
@@ -50,11 +52,15 @@ def unexplained(mistakes: Sequence[Mistake], found: Iterable[Finding]) -> tuple[
     return () if any(one.mask is None and one.file != FILES for one in mistakes) else tuple(found)
 
 
-def _of_fit(fit: FitRecord) -> Iterator[Finding]:
+def _of_fit(fit: Fit) -> Iterator[Finding]:
+    """A noise that no instrument has, or that the residuals contradict; of several kinds of readings the one counts
+    that the fit predicts worst."""
     if fit.sigma_source != "estimated" and fit.dof > 0:
         refuted = fit.agrees is False or chi2_sf(fit.chi2, fit.dof) > 1.0 - SIGNIFICANT
         ratio = float(np.sqrt(fit.chi2 / fit.dof)) if refuted else 1.0
-        yield from noise_findings(fit.sigma, ratio, (fit.held_out_nominal, fit.held_out_error))
+        held_out = "held_out_without_masked", "held_out"
+        pairs = [(of["nominal"], next((of[k] for k in held_out if k in of), math.inf)) for of in fit.errors.values()]
+        yield from noise_findings(fit.sigma, ratio, max(pairs, key=lambda pair: pair[1] / pair[0]))
 
 
 def noise_findings(sigma: float, ratio: float, held_out: tuple[float, float]) -> Iterator[Finding]:
@@ -77,7 +83,7 @@ def noise_findings(sigma: float, ratio: float, held_out: tuple[float, float]) ->
         )
 
 
-def _of_estimates(fit: FitRecord, experiment: Experiment, readings: Readings) -> Iterator[Finding]:
+def _of_estimates(fit: Fit, experiment: Experiment, readings: Readings) -> Iterator[Finding]:
     """A fit that identifies none of its parameters; values that nothing known before the readings would expect."""
     if not any(e.state in _IDENTIFIED for e in fit.estimates):
         mend = "Measure more poses or larger loads: `qsf design` plans them."
@@ -95,5 +101,6 @@ def outside_prior(distance: Mapping[str, float]) -> Iterator[Finding]:
     outside = [f"{name} by {sds:.0f} sds" for name, sds in distance.items() if sds > FAR]
     if outside:
         words = f"{listed(outside)} from what was known: the arm is so, or a column or a file is off by as much"
-        mend, usual = "Look at each: these readings show only their sum.", float(np.median([*distance.values()]))
+        mend = "Look at each; if the arm is so, state the value with its sd under nominal: in the experiment."
+        usual = float(np.median([*distance.values()]))
         yield Finding("outside_prior", words, mend, stops=max(distance.values()) > _ALONE * max(usual, 1.0))

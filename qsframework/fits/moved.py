@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qsframework.estimation.tails import normal_isf
+from qsframework.estimation.tails import chi2_sf, normal_isf
 from qsframework.fits.record import FitRecord
 
-_LEVEL = 0.01
+LEVEL = 0.01
 """Chance of calling any parameter moved where none has."""
 
 
@@ -48,7 +48,7 @@ def moved(fit: FitRecord, before: FitRecord) -> tuple[ParameterChange, ...]:
     theirs = dict(zip(before.names, zip(before.values.tolist(), old, strict=True), strict=True))
     both = [(e, sd, *theirs[e.name]) for e, sd in zip(fit.estimates, new, strict=True) if e.name in theirs]
     apart = not same_readings(fit, before)
-    limit = float(normal_isf(0.5 * _LEVEL / max(len(both), 1)))
+    limit = float(normal_isf(0.5 * LEVEL / max(len(both), 1)))
     return tuple(
         ParameterChange(
             name=e.name,
@@ -61,3 +61,16 @@ def moved(fit: FitRecord, before: FitRecord) -> tuple[ParameterChange, ...]:
         )
         for e, sd, was, sd_was in both
     )
+
+
+def together(fit: FitRecord, before: FitRecord) -> float:
+    """Probability of differences this large of all that both fits estimate of the arm together, where nothing moved: d'
+    (C1 + C2)^-1 d against chi-square. Of a zero that the readings know beside others alone, only this shows it."""
+    names = [e.name for e in fit.estimates if e.name in before.names and e.name in fit.model_values and e.sd > 0.0]
+    if not names or same_readings(fit, before):
+        return 1.0
+    index = [[one.names.index(n) for n in names] for one in (fit, before)]
+    new, old = (one.whole_covariance[np.ix_(at, at)] for one, at in zip((fit, before), index, strict=True))
+    size = np.sqrt(np.diag(new + old))
+    apart = (fit.values[index[0]] - before.values[index[1]]) / size
+    return float(chi2_sf(float(apart @ np.linalg.solve((new + old) / np.outer(size, size), apart)), len(names)))

@@ -95,6 +95,12 @@ def check_fit(
     return (*doubts, *(f"{_ALTHOUGH}{why}" for why in wrong), *notes)
 
 
+def changed_notes(fit: FitRecord, experiment: Experiment) -> tuple[str, ...]:
+    """Which parts of robot and campaign are described otherwise than when a fit was made, as notes."""
+    parts = changed_parts(fit.account.description, experiment.robot, experiment)
+    return tuple(f"the {part} are described otherwise now than when the fit was made" for part in parts)
+
+
 def check_findings(fit: FitRecord, *, anyway: bool | None = False, beside: Sequence[Problem] = ()) -> tuple[str, ...]:
     """What was found wrong in a fit's readings and files, as notes.
 
@@ -245,7 +251,7 @@ def _explains(fit: FitRecord, experiment: Experiment, readings: Readings) -> Ite
         if not _same_covariance(one, other):
             yield f"its {what} is not the one that its readings give"
             break
-    found = every_finding(fit, campaign, readings)
+    found = every_finding(replace(again, options=fit.options), campaign, readings)
     if {(f.name, f.rows, f.stops) for f in fit.account.findings} != {(f.name, f.rows, f.stops) for f in found}:
         yield "what was found wrong in its readings and files is not what is found there now"
     if not fit.masked and not _alike(fit.held_out_error, again.held_out_error):

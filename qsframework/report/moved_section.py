@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from qsframework.fits import Fit, FitRecord
-from qsframework.fits.moved import moved, same_readings
+from qsframework.fits.moved import LEVEL, moved, same_readings, together
 from qsframework.report.blocks import ReportTable
 from qsframework.report.words.sizes import number, shown_with_sd, unit_shown
 
@@ -22,6 +22,12 @@ def moved_words(fit: Fit, before: FitRecord) -> str:
         agree = len(found) - len(gone)
         rest = "" if not agree else "; the other one agrees" if agree == 1 else f"; the other {agree} agree"
         return f"Moved beyond its uncertainty: {', '.join(gone)}{rest}. Look for a repair, a crash, or another load."
+    p = together(fit, before)
+    if p < LEVEL:
+        return (
+            f"The arm has moved (p = {p:.1g}): no parameter alone beyond its uncertainty, but all of them together. "
+            "Look for a repair, a crash, or another load."
+        )
     return f"No parameter moved beyond its uncertainty: all {len(found)} agree in both campaigns."
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from qsframework.elastostatics import Model, Site
 from qsframework.errors import InputError, Problem
-from qsframework.plugin import Array, Indices, Poses
+from qsframework.plugin import Array, Conditions, Indices, Poses
 from qsframework.plugin.facts import frozen
 from qsframework.robot import Robot
 from qsframework.robot.collision import Flags
@@ -65,8 +65,9 @@ class InverseSolution:
 
 
 def poses_at(robot: Robot, pendant: Array, wrench: Array) -> Poses:
-    """Poses at N pendant values (N, n) under wrenches (N, 6)."""
-    return Poses(pendant, robot.controller.to_joints(pendant), wrench)
+    """Poses at N pendant values (N, n) under wrenches (N, 6), of the arm as its last readings found it."""
+    last = Conditions(order=np.ones(len(pendant)))
+    return Poses(pendant, robot.controller.to_joints(pendant), wrench, last, last)
 
 
 def rigid_tip(robot: Robot, site: Site, q: Array) -> TipPose:

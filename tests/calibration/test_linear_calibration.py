@@ -26,7 +26,7 @@ from qsframework.estimation import (
 from qsframework.estimation.linear_fit import Whitened
 from qsframework.estimation.tails import chi2_sf
 from qsframework.fits import FitRecord
-from qsframework.fits.moved import moved
+from qsframework.fits.moved import moved, together
 from qsframework.plugin import Array, Parameter
 from tests.calibration.agreement import balanced, check_coverage, check_p_values, check_sds
 
@@ -196,20 +196,31 @@ def test_p_values_of_the_audit_of_the_noise() -> None:
     check_p_values(np.array([one.p_shared for one in found]), BOUNDARY)
 
 
-def fits_of(values: Array, sds: Array) -> FitRecord:
+def fits_of(values: Array, C: Array) -> FitRecord:
     """What `moved` asks of a fit, each of readings of its own."""
-    estimates = [SimpleNamespace(name=f"x{i}", unit="", value=v) for i, v in enumerate(values.tolist())]
+    estimates = [SimpleNamespace(name=f"x{i}", unit="", value=v, sd=1.0) for i, v in enumerate(values.tolist())]
     account = SimpleNamespace(marks=(), shares=lambda marks: False)
     names = tuple(e.name for e in estimates)
-    C = np.diag(np.square(sds))
     record: Any = SimpleNamespace(estimates=estimates, names=names, values=values, whole_covariance=C, account=account)
+    record.model_values = dict.fromkeys(names, 0.0)
     return cast(FitRecord, record)
 
 
 def test_an_arm_that_has_not_changed_is_seldom_called_moved() -> None:
     """1 % for all six parameters together; by each at 1 % it would be 6 %."""
     rng = np.random.default_rng(12)
-    sd, before = rng.uniform(0.1, 3.0, (2, 6))
-    new, old = rng.normal(size=(2, 9000, 6)) * np.stack([sd, before])[:, None]
-    alarms = [any(m.beyond for m in moved(fits_of(a, sd), fits_of(b, before))) for a, b in zip(new, old, strict=True)]
-    check_coverage(~np.array(alarms), 0.99)
+    C, before = (np.diag(sds**2) for sds in rng.uniform(0.1, 3.0, (2, 6)))
+    new, old = (rng.multivariate_normal(np.zeros(6), one, 9000) for one in (C, before))
+    pairs = [(fits_of(a, C), fits_of(b, before)) for a, b in zip(new, old, strict=True)]
+    check_coverage(~np.array([any(m.beyond for m in moved(*pair)) for pair in pairs]), 0.99)
+
+
+def test_what_moved_along_a_direction_that_is_known_alone_is_called_moved() -> None:
+    """Two zeros of which the readings know the sum to .01 sds of each: neither moves far for its own sd."""
+    rng, C = np.random.default_rng(13), np.eye(6)
+    C[0, 1] = C[1, 0] = -0.9999
+    new, old = rng.multivariate_normal(np.zeros(6), C, (2, 4000))
+    check_p_values(np.array([together(fits_of(a, C), fits_of(b, C)) for a, b in zip(new, old, strict=True)]))
+    pair = fits_of(np.array([0.2, 0.2, 0.0, 0.0, 0.0, 0.0]), C), fits_of(np.zeros(6), C)
+    assert not any(m.beyond for m in moved(*pair))
+    assert together(*pair) < 1e-9
