@@ -125,7 +125,9 @@ def fit_readings(experiment: Experiment, readings: Readings, options: FitOptions
         found = replace(found, missed=measured - predicted, missed_kind=readings.kind[readings.use & wrong])
     nominal, error, largest = _held_out(found)
     said = (*masked_words(readings, twice), *said)
-    return replace(found, gross=said, held_out_nominal=nominal, held_out_error=error, held_out_largest=largest)
+    found = replace(found, gross=said, held_out_nominal=nominal, held_out_error=error, held_out_largest=largest)
+    every = (of["held_out"] for of in found.errors.values() if "held_out" in of)
+    return replace(found, held_out_worst=max(every, default=np.nan))
 
 
 def _in_the_table(experiment: Experiment, readings: Readings) -> tuple[str, ...]:

@@ -78,7 +78,8 @@ class FitRecord(FileRecord):
     sigma (m): sd of one coordinate of unit weight, "stated" or "estimated" from the residuals
     shared_sd (m): of the error that the markers of a visit share, 0 where none was looked for or seen; shared_p: of it
     held_out_error (m): 3D RMS at held-out poses, masked rows among them; held_out_nominal: of the nominal arm, in
-    frames that suit it best; held_out_largest: the largest distance; NaN where no pose can be left out
+    frames that suit it best; held_out_largest: the largest distance; held_out_worst: the error of the kind of reading
+    that is predicted worst; NaN where no pose can be left out
     carriers: poses that alone carry a parameter, which cannot be left out
     frames: the base in the frames that were estimated; not_estimated: what was requested and is not; held: what an
     error of nominal values does to the estimates, of what was asked for or has a stated sd
@@ -104,6 +105,7 @@ class FitRecord(FileRecord):
     held_out_error: Annotated[float, Unit("m"), null(math.nan)] = math.nan
     held_out_nominal: Annotated[float, Unit("m"), null(math.nan)] = math.nan
     held_out_largest: Annotated[float, Unit("m"), null(math.nan)] = math.nan
+    held_out_worst: Annotated[float, Unit("m"), null(math.nan)] = math.nan
     carriers: tuple[str, ...] = ()
     frames: Annotated[tuple[Frame, ...], Named("series")] = ()
     not_estimated: Annotated[tuple[NotEstimated, ...], Named("name")] = ()
@@ -237,7 +239,7 @@ class FitRecord(FileRecord):
     @property
     def lack(self) -> float:
         """RMS distance, m, by which held-out poses are off beyond the stated noise: what the model lacks."""
-        return float(np.nan_to_num(self.held_out_error) * np.sqrt(1.0 - 1.0 / self.widening))
+        return float(np.nan_to_num(self.held_out_worst) * np.sqrt(1.0 - 1.0 / self.widening))
 
     def model_names(self, experiment: Experiment) -> tuple[str, ...]:
         """The estimated parameters that are the model's, and not a frame's. InputError where it has no such."""

@@ -254,9 +254,10 @@ def _explains(fit: FitRecord, experiment: Experiment, readings: Readings) -> Ite
     found = every_finding(replace(again, options=fit.options), campaign, readings)
     if {(f.name, f.rows, f.stops) for f in fit.account.findings} != {(f.name, f.rows, f.stops) for f in found}:
         yield "what was found wrong in its readings and files is not what is found there now"
-    if not fit.masked and not _alike(fit.held_out_error, again.held_out_error):
-        given, own = (f"{1e3 * error:.4g} mm" for error in (again.held_out_error, fit.held_out_error))
-        yield f"its held-out error is {own}, and its readings give {given}"
+    pairs = ((fit.held_out_error, again.held_out_error), (fit.held_out_worst, again.held_out_worst))
+    for own, given in pairs if not fit.masked else ():
+        if not _alike(own, given):
+            yield f"its held-out error is {1e3 * own:.4g} mm, and its readings give {1e3 * given:.4g} mm"
 
 
 def _alike(one: float, other: float) -> bool:

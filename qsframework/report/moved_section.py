@@ -22,12 +22,8 @@ def moved_words(fit: Fit, before: FitRecord) -> str:
         agree = len(found) - len(gone)
         rest = "" if not agree else "; the other one agrees" if agree == 1 else f"; the other {agree} agree"
         return f"Moved beyond its uncertainty: {', '.join(gone)}{rest}. Look for a repair, a crash, or another load."
-    p = together(fit, before)
-    if p < LEVEL:
-        return (
-            f"The arm has moved (p = {p:.1g}): no parameter alone beyond its uncertainty, but all of them together. "
-            "Look for a repair, a crash, or another load."
-        )
+    if together(fit, before) < LEVEL:
+        return "The arm has moved: no parameter alone, but all together. Look for a repair, a crash, or another load."
     return f"No parameter moved beyond its uncertainty: all {len(found)} agree in both campaigns."
 
 

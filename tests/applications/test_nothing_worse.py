@@ -46,7 +46,14 @@ def deflected(experiment: Experiment, fit: FitRecord, **more: bool) -> Compensat
 
 def lacking(fit: FitRecord, held_out: float) -> FitRecord:
     """The same with residuals that exceed the noise, and with that error at held-out poses."""
-    return replace(fit, chi2=100.0 * 200, dof=100, held_out_error=held_out, held_out_nominal=10.0 * held_out)
+    return replace(
+        fit,
+        chi2=100.0 * 200,
+        dof=100,
+        held_out_error=held_out,
+        held_out_worst=held_out,
+        held_out_nominal=10.0 * held_out,
+    )
 
 
 def moved(result: Compensation) -> Array:

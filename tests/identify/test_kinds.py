@@ -276,3 +276,14 @@ def test_an_axis_that_is_never_measured_in_positions(arm: Experiment, kinds: dic
     truth = arm.model().nominal[arm.model().index(arm.fit_names())]
     z = [(e.value - t) / e.sd for e, t in zip(fit.estimates[6:], truth, strict=True)]
     assert np.abs(z).max() < 4.0
+
+
+def test_what_the_worst_kind_lacks_is_expected(arm: Experiment, poses: Poses) -> None:
+    """Displacements whose load hung elsewhere, beside positions that fit: the positions' error alone promised less."""
+    elsewhere = arm.with_(load_point=np.array([0.15, 0.9, 0.2]))
+    fit = identify(arm, joined([displaced_of(elsewhere, poses), positions_of(arm, poses)]), options=LINEAR)
+    kinds = {kind: of["held_out"] for kind, of in fit.errors.items()}
+    assert kinds["displacement"] > 1.5 * kinds["position"]
+    assert fit.held_out_error == kinds["position"]
+    assert fit.held_out_worst == kinds["displacement"]
+    assert fit.lack > 0.9 * kinds["displacement"] * np.sqrt(1.0 - 1.0 / fit.widening)
