@@ -60,7 +60,7 @@ def _of_fit(fit: Fit) -> Iterator[Finding]:
         ratio = float(np.sqrt(fit.chi2 / fit.dof)) if refuted else 1.0
         held_out = "held_out_without_masked", "held_out"
         pairs = [(of["nominal"], next((of[k] for k in held_out if k in of), math.inf)) for of in fit.errors.values()]
-        yield from noise_findings(fit.sigma, ratio, max(pairs, key=lambda pair: pair[1] / pair[0]))
+        yield from noise_findings(fit.sigma, ratio, max(pairs, key=lambda pair: pair[1] - _CARRIES * pair[0]))
 
 
 def noise_findings(sigma: float, ratio: float, held_out: tuple[float, float]) -> Iterator[Finding]:
