@@ -5,13 +5,12 @@
 The arm carries 300 kg over 2.7 m; its links weigh 1,500 kg; a coil spring balances joint 2, and the ring under its
 first bearing tilts by a spring that no file knows. Each draw is another arm of this type: zeros, placements and
 the balancer's pivots are drawn by the typical sizes of their effects (times 1, times .5), springs by the sd that the
-data sheet states. MuJoCo
-holds the truth; it shares no code with qsframework. A tracker of unknown place reads three nests at 30 poses, by the
-arm's own weight and with a load. Then comes what the pages say: identify, diagnose and extend, identify again,
-compensate; and the same once more. The corrected angles of 50 fresh targets go back into MuJoCo, and what counts is
-where the tool then stands: in the base frame, after the rigid motion that suits all targets best, and after that and
-the best constant offset of the tool. What `compensate` says is to be expected stands beside it. A draw takes a minute
-or two.
+data sheet states. MuJoCo holds the truth; it shares no code with qsframework. A tracker of unknown place reads three
+nests at 30 poses, by the arm's own weight and with a load. Then comes what the pages say: identify, diagnose and
+extend, identify again, compensate; and the same once more. The corrected angles of 50 fresh targets go back into
+MuJoCo, and what counts is where the tool then stands: in the base frame, after the rigid motion that suits all targets
+best, and after that and the best constant offset of the tool. What `compensate` says is to be expected stands beside
+it. A draw takes a minute or two.
 """
 
 from __future__ import annotations

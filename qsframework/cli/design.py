@@ -97,9 +97,9 @@ def run_design(
     margin = margin_words(experiment)
     print_folded(certificate_text(plan), margin, *twin_words(experiment, plan), *beyond)
     print(f"plan: {files.output}")
-    simulated = f", or try it: qsf simulate {files.experiment} {files.output}"
+    mixed = plan.of_positions.any() and not plan.of_positions.all()  # positions and displacements are two files
+    simulated = "" if mixed else f", or try it: qsf simulate {files.experiment} {files.output}"
     if plan.of_positions.any():
-        simulated *= bool(plan.of_positions.all())  # positions and displacements are two files
         print(f"next: to the robot: qsf export {files.experiment} {files.output} --to FORMAT -o FILE{simulated}")
     else:
         print(f"next: measure each pose unloaded, then loaded{simulated}")

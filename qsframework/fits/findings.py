@@ -58,8 +58,8 @@ def _of_fit(fit: Fit) -> Iterator[Finding]:
     if fit.sigma_source != "estimated" and fit.dof > 0:
         refuted = fit.agrees is False or chi2_sf(fit.chi2, fit.dof) > 1.0 - SIGNIFICANT
         ratio = float(np.sqrt(fit.chi2 / fit.dof)) if refuted else 1.0
-        held_out = "held_out_without_masked", "held_out"
-        pairs = [(of["nominal"], next((of[k] for k in held_out if k in of), math.inf)) for of in fit.errors.values()]
+        kinds = fit.errors.values()
+        pairs = [(of["nominal"], of.get("held_out_without_masked", of.get("held_out", math.inf))) for of in kinds]
         yield from noise_findings(fit.sigma, ratio, max(pairs, key=lambda pair: pair[1] - _CARRIES * pair[0]))
 
 

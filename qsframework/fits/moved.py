@@ -64,10 +64,10 @@ def moved(fit: FitRecord, before: FitRecord) -> tuple[ParameterChange, ...]:
 
 
 def together(fit: FitRecord, before: FitRecord) -> float:
-    """Probability of differences this large of all that both fits estimate of the arm together, where nothing moved: d'
-    (C1 + C2)^-1 d against chi-square. Of a zero that the readings know beside others alone, only this shows it."""
+    """Probability of differences this large of all that both fits, of different readings, estimate of the arm together,
+    where nothing moved: d' (C1 + C2)^-1 d against chi-square. What the readings know only together, only this shows."""
     names = [e.name for e in fit.estimates if e.name in before.names and e.name in fit.model_values and e.sd > 0.0]
-    if not names or same_readings(fit, before):
+    if not names:
         return 1.0
     index = [[one.names.index(n) for n in names] for one in (fit, before)]
     new, old = (one.whole_covariance[np.ix_(at, at)] for one, at in zip((fit, before), index, strict=True))

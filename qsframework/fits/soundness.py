@@ -95,10 +95,16 @@ def check_fit(
     return (*doubts, *(f"{_ALTHOUGH}{why}" for why in wrong), *notes)
 
 
-def changed_notes(fit: FitRecord, experiment: Experiment) -> tuple[str, ...]:
-    """Which parts of robot and campaign are described otherwise than when a fit was made, as notes."""
-    parts = changed_parts(fit.account.description, experiment.robot, experiment)
-    return tuple(f"the {part} are described otherwise now than when the fit was made" for part in parts)
+def check_account(fit: FitRecord, experiment: Experiment, *, anyway: bool) -> tuple[str, ...]:
+    """What to note of a fit that other readings judge: what was found wrong in its own, and which parts of robot and
+    campaign are described otherwise. InputError where a finding stops, unless `anyway`."""
+    changed = _described(fit, experiment.robot, experiment)
+    return (*check_findings(fit, anyway=anyway), *(f"{_ALTHOUGH}{why}" for why in changed))
+
+
+def _described(fit: FitRecord, robot: Robot, experiment: Experiment | None) -> Iterator[str]:
+    parts = changed_parts(fit.account.description, robot, experiment)
+    return (f"the {part} are described otherwise now than when it was made" for part in parts)
 
 
 def check_findings(fit: FitRecord, *, anyway: bool | None = False, beside: Sequence[Problem] = ()) -> tuple[str, ...]:
@@ -123,8 +129,7 @@ def _contradictions(fit: FitRecord, robot: Robot, experiment: Experiment | None)
     """
     parameters = robot.parameters if experiment is None else experiment.model().parameters
     known = {p.name: p for p in parameters}
-    for part in changed_parts(fit.account.description, robot, experiment):
-        yield f"the {part} are described otherwise now than when it was made"
+    yield from _described(fit, robot, experiment)
     if experiment is not None:
         yield from _other_parameters(fit, experiment)
     for name, now in _unfitted(fit, robot, experiment):

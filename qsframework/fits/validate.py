@@ -22,7 +22,7 @@ from qsframework.fits.fit import Fit
 from qsframework.fits.identify import fit_readings
 from qsframework.fits.options import Halves
 from qsframework.fits.record import FitRecord
-from qsframework.fits.soundness import changed_notes, check_findings, check_robot
+from qsframework.fits.soundness import check_account, check_robot
 from qsframework.option import Seed
 from qsframework.plugin import Array, Indices
 from qsframework.viewed import Viewed
@@ -132,7 +132,7 @@ def validate(experiment: Experiment, readings: Readings, fit: FitRecord, *, anyw
         InputError: where the fit is of another robot or model, or something was found wrong in its readings or files.
     """
     check_robot(fit, experiment.robot)
-    doubted = (*check_findings(fit, anyway=anyway), *changed_notes(fit, experiment))
+    doubted = check_account(fit, experiment, anyway=anyway)
     model, rows = experiment.model(), make_rows(readings)
     x = fit.x_of(model)
     errors = rows.measured - rows.predict(model, x, fitted_frames(fit, rows, model, x), fit.linear)
@@ -158,7 +158,7 @@ def validate_halves(
     does: what it held at nominal would count as an error of the model. The median half stands for all in the plots.
     InputError where something was found wrong in the readings or files of the fit, unless `anyway`.
     """
-    doubted = (*check_findings(fit, anyway=anyway), *changed_notes(fit, experiment))
+    doubted = check_account(fit, experiment, anyway=anyway)
     if halves < 1:
         raise InputError(f"halves: {halves}; allowed: 1 or more")
     rows = make_rows(readings)

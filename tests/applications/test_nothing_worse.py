@@ -18,9 +18,9 @@ from qsframework.errors import InputError
 from qsframework.experiment import Experiment, example, load_experiment, make_plan, simulate, write_readings
 from qsframework.fits import FitRecord
 from qsframework.plans import generate_candidates
-from qsframework.plugin import Array, Poses
+from qsframework.plugin import Array, Poses, build_effects
 from qsframework.uses.compensate import Compensation, compensate
-from qsframework.uses.inverse import rigid_tip
+from qsframework.uses.inverse import poses_at, rigid_tip
 from qsframework.uses.targets import Targets, joint_targets
 from tests.applications.test_compensate import angles
 from tests.identify.records import record
@@ -194,3 +194,14 @@ def test_six_poses_make_a_good_arm_no_better(tmp_path: Path) -> None:
     assert len(errors) == 1
     _, (before, after) = compensated(0.05, 6, tmp_path, "--anyway")
     assert rms(after) > rms(before)
+
+
+def test_what_is_driven_is_the_arm_as_its_last_readings_found_it(m900ib: Experiment) -> None:
+    """A link that grew by .2 mm between the first and the last reading has grown."""
+    grown = m900ib.with_effects(build_effects({"effect": "link_growth", "link": "link_2"}, m900ib.robot.facts))
+    model, pendant = grown.model(), angles(3, 5)
+    x = model.nominal
+    x[model.index(["link_growth[link_2].drift"])] = 2e-4
+    poses = poses_at(m900ib.robot, pendant, np.tile(LIGHT, (3, 1)))
+    moved = equilibrium(model, poses, x).tip - equilibrium(model, poses, model.nominal).tip
+    np.testing.assert_allclose(np.linalg.norm(moved, axis=1), 2e-4, rtol=0.02)
