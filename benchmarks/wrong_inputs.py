@@ -31,8 +31,9 @@ from qsframework.errors import NotConverged, QsfError
 from qsframework.estimation import rms
 from qsframework.experiment import Experiment, Readings, load_experiment, make_rows, read_readings
 from qsframework.fits import Fit, identify
+from qsframework.plans.constraints import singularity_margin
+from qsframework.robot.kinematics import joint_frames
 from qsframework.uses.compensate import compensate
-from qsframework.uses.inverse import arm_length, rigid_jacobian
 from qsframework.uses.targets import joint_targets
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "results.md"
@@ -42,7 +43,7 @@ BASES = (("displacements", "coiled"), ("positions", "small"), ("mixed", "loop"))
 """Kinds of readings, and arms of the second generator."""
 FRESH = 1_000_003
 SINGULAR = 0.03
-"""rad, or parts of the arm's length, per rad of the joints: where the tool turns less, no small correction reaches."""
+"""`singularity_margin` below which no small correction reaches a target."""
 Row = dict[str, str]
 Change = Callable[[list[Row]], list[Row]]
 FORCES, MOVES, PLACES = ("fx_N", "fy_N", "fz_N"), ("dx_mm", "dy_mm", "dz_mm"), ("x_mm", "y_mm", "z_mm")
@@ -358,9 +359,7 @@ def checked(experiment: Experiment, readings: Readings) -> tuple[str, ...]:
 
 def stated_error(experiment: Experiment, fit: Fit, at: Readings) -> float:
     """RMS, m, of the errors that a correction of the loaded poses of fresh readings states; singular ones left out."""
-    J = rigid_jacobian(experiment.robot, experiment.load_site, at.poses.q)
-    J = np.concatenate([J[:, :3] / arm_length(experiment.robot), J[:, 3:]], axis=1)
-    regular = np.linalg.svd(J, compute_uv=False)[:, -1] > SINGULAR
+    regular = singularity_margin(experiment.robot, joint_frames(experiment.robot.facts, at.poses.q)) > SINGULAR
     loaded = np.flatnonzero(np.any(at.poses.wrench, axis=1) & regular)
     targets = joint_targets(experiment, at.poses.pendant[loaded], at.poses.wrench[loaded])
     reference = "commanded" if fit.account.positions else "unloaded"
