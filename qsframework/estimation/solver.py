@@ -127,7 +127,7 @@ def settle(
     for k in range(_ROUNDS):
         scaled = replace(observations, noise=Scaled(noise, unit, len(measured)))
         solution = solve(scaled, options, start, tolerance=tolerance if k else max(tolerance, _ROUGH))
-        start = solution.x
+        start, options = solution.x, replace(options, starts=0)
         told = float(np.square(solution.hat).sum())  # E[r'r] = sigma^2 (m - tr H), priors counted
         new = max(unit * _size(solution.residuals, told, options.loss), least)
         if abs(new - unit) <= _SETTLED * unit + least:
