@@ -172,7 +172,7 @@ def fitted(given: Observations, case: Case, label: Indices) -> tuple[Array, Arra
     if case.within and case.modelled:
         residuals = given.measured - given.predict(solution.x)
         shared = shared_error(residuals, given.jacobian(solution.x), np.full(m, SIGMA), label, stated=False)
-        again = solve(replace(given, noise=shared.noise), FitOptions(starts=0), solution.x)
+        again = solve(replace(given, noise=shared.noise), start=solution.x)
         free = len(np.unique(label)) - p  # what the shared error is told from: one number for each pose and axis
         return again.x, shared.unit * np.sqrt(np.diag(again.covariance)), free
     unit = float(np.sqrt(2.0 * solution.cost / (m - p))) if case.estimated else 1.0

@@ -87,18 +87,18 @@ def solve(
 ) -> Solution:
     """The parameters that fit best.
 
-    start (p,), the nominal values if None; unit: the size of a whitened residual of good readings, for robust losses.
-    Parameters that bend the model get more starts, drawn from `seed`.
+    start (p,): where it begins, and nowhere else; None: at the nominal values, and where parameters bend the model at
+    others, drawn from `seed`. unit: the size of a whitened residual of good readings, for robust losses.
 
     Raises NotIdentifiable, naming the parameters, where the readings cannot tell them apart; NotConverged with its
     reason.
     """
-    x0 = observations.start if start is None else np.asarray(start, dtype=float)
+    x0, more = (observations.start, options.starts) if start is None else (np.asarray(start, dtype=float), 0)
     reduction = reduce(observations.parameters, x0, options.fixed, options.tied, options.bounds)
     problem = _Problem(observations, reduction, Loss(options.loss, unit))
     best: _Minimum | None = None
     failed: NotConverged | None = None
-    for z in (np.zeros(reduction.free), *_other_starts(problem, options.starts, seed)):
+    for z in (np.zeros(reduction.free), *_other_starts(problem, more, seed)):
         try:
             found = _descend(problem, z, tolerance)
         except _NoAnswer:
@@ -127,7 +127,7 @@ def settle(
     for k in range(_ROUNDS):
         scaled = replace(observations, noise=Scaled(noise, unit, len(measured)))
         solution = solve(scaled, options, start, tolerance=tolerance if k else max(tolerance, _ROUGH))
-        start, options = solution.x, replace(options, starts=0)
+        start = solution.x
         told = float(np.square(solution.hat).sum())  # E[r'r] = sigma^2 (m - tr H), priors counted
         new = max(unit * _size(solution.residuals, told, options.loss), least)
         if abs(new - unit) <= _SETTLED * unit + least:

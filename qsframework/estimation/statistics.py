@@ -109,13 +109,7 @@ def _profile(observations: Observations, solution: Solution, i: int, options: Fi
     ends = [(p.lower, p.upper) if options.bounds else (-np.inf, np.inf) for p in observations.parameters]
     lower, upper = np.array(ends).T
     weight, towards = (float(v[i]) for v in observations.known)
-    held = FitOptions(
-        bounds=options.bounds,
-        loss=options.loss,
-        tied=options.tied,
-        fixed=(*options.fixed, name),
-        starts=0,
-    )
+    held = replace(options, fixed=(*options.fixed, name))
 
     def cost(value: float) -> float:
         alone = 0.5 * (weight * (value - towards)) ** 2  # held, its own prior is none of the others' fit

@@ -208,19 +208,18 @@ def _one_step(experiment: Experiment, rows: ReadingRows, names: Sequence[str], o
     observations = replace(observations, prior_sd=None, prior=None) if options.free else observations
     one_pose = _check_enough(rows, observations, seen, options)
     notes = ("Only one pose was measured: nothing says whether this fit holds at another one.",) if one_pose else ()
-    solution = settle(observations, options, seen.start)
-    near = replace(options, starts=0)
+    solution = settle(observations, options)
     vague = dict[str, float]()
     while observations.known[0].any() and (more := _vague(seen, observations, solution)):
         vague |= more
         observations = observations.knowing(more)
-        solution = settle(observations, near, solution.x)
+        solution = settle(observations, options, solution.x)
     notes = (*notes, *_vague_words(seen.model, vague))
     before = observations.prior_sd
     if rows.stated and observations.known[0].any() and not options.tied:
         loose, said = _loosened(seen, observations, solution)
         observations, notes = observations.knowing(loose), (*notes, *said)
-        solution = settle(observations, near, solution.x)
+        solution = settle(observations, options, solution.x)
     return Found(
         seen=seen,
         solution=solution,

@@ -9,13 +9,12 @@ import numpy as np
 
 from qsframework.elastostatics import Model
 from qsframework.errors import InputError, NotConverged
-from qsframework.estimation import FitOptions, settle
+from qsframework.estimation import settle
 from qsframework.estimation.projection import spanned
 from qsframework.experiment import Frame, ObservationModel
 from qsframework.experiment.observations import ReadingRows
 from qsframework.plugin import Array
 
-_PLAIN = FitOptions(starts=0)
 _CLOSE = 1e-6
 
 
@@ -90,7 +89,7 @@ def settle_fit(
 
 def _settled(seen: ObservationModel, priors: dict[str, float]) -> SettledFit:
     observations = seen.observations().knowing(priors)
-    found = settle(observations, _PLAIN, seen.start, tolerance=_CLOSE)
+    found = settle(observations, start=seen.start, tolerance=_CLOSE)
     unit = found.unit or 1.0
     weight = unit * observations.known[0]
     return _fit_at(seen, found.x, found.covariance, unit * found.residuals, unit * found.jacobian, weight)

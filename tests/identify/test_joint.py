@@ -104,8 +104,8 @@ def test_derivatives_at_the_solution_and_as_many_digits_as_the_readings_have(arm
     x = true_x(arm)
     both = joined([positions(arm, x, 10, 1), displacements(arm, x, 10, 101)])
     seen = observation_model(arm, both, arm.with_(fit=tuple(NAMES)).fit_names(), linear=True)
-    o, plain = seen.observations(), FitOptions(starts=0)
-    best = solve(o, plain, seen.start, tolerance=1e-6)
+    o = seen.observations()
+    best = solve(o, start=seen.start, tolerance=1e-6)
     J = o.jacobian(best.x)
     assert o.predict(best.x) == pytest.approx(seen.predict(best.x), rel=1e-13, abs=1e-15)
     for i, p in enumerate(o.parameters):
@@ -114,7 +114,7 @@ def test_derivatives_at_the_solution_and_as_many_digits_as_the_readings_have(arm
         one, two = ((o.predict(best.x + k * step) - o.predict(best.x - k * step)) / step[i] for k in (1, 2))
         slope = (8.0 * one - two) / 12.0
         assert np.linalg.norm(J[:, i] - slope) < 1e-9 * np.linalg.norm(slope), p.name
-    again = solve(o, plain, seen.start, tolerance=1e-10)
+    again = solve(o, start=seen.start, tolerance=1e-10)
     assert again.iterations < 8
     assert again.cost == pytest.approx(best.cost, rel=1e-9)
 

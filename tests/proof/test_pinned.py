@@ -168,7 +168,7 @@ HIDDEN = [
         {"offaxis_compliance[joint_3/x]": "8.0e-8 rad/(N m)"},
         6,
         "offaxis_compliance[joint_3/x]",
-        11.0,
+        12.1,
     ),
     Hidden(
         "r2000ic",
