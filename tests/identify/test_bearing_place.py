@@ -76,7 +76,7 @@ def test_what_nobody_states_is_estimated_or_stands_beside_each_estimate(m900ib: 
     truth, floor = tilting(m900ib, stated(m900ib)), tilting(m900ib, m900ib.robot.facts)
     was = dict(zip(truth.model().names, truth.model().nominal, strict=True))
     worst: dict[str, list[float]] = {}
-    for seed in range(4):
+    for seed in range(2):
         readings = displacements(truth, truth.model().nominal, 24, seed)
         held = fit_readings(floor.with_(fit=("joint_compliance",)), readings)
         found, right = fit_readings(floor, readings), fit_readings(truth, readings)
@@ -92,4 +92,4 @@ def test_what_nobody_states_is_estimated_or_stands_beside_each_estimate(m900ib: 
         assert "bearing" not in fit_table(right).caption
     assert min(worst["noise"]) > 6.0
     assert max(worst["quoted"]) < 3.0
-    assert max(worst["found"] + worst["right"]) < 3.3, "of 72 normal numbers"
+    assert max(worst["found"] + worst["right"]) < 3.3, "of 36 normal numbers"
