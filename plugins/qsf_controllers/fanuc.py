@@ -134,7 +134,7 @@ def _lines(path: Path, tokens: Sequence[Token]) -> Iterator[SourceStatement]:
             own = []
         if token.kind == "remark":
             yield SourceStatement(path, (token,))
-        elif token.kind not in ("head", "end"):
+        elif token.kind not in ("head", "end") and token.text != "@":  # @: where the arm stood when it was listed
             own.append(token)
     if own:
         yield SourceStatement(path, tuple(own))

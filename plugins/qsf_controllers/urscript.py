@@ -54,6 +54,8 @@ _MOTIONS = {
     "movel": 1,
     "movep": 1,
     "movec": 2,
+    "optimovej": 1,
+    "optimovel": 1,
     "servoj": 1,
     "servoc": 1,
     "servol": 1,

@@ -18,7 +18,7 @@ from qsframework.robot.urdf import Joint, Urdf, placement
 _SAME = 1e-4
 _ASKEW = 0.05
 """Of the cosine of two axes: within 18 degrees of parallel, 3 of square."""
-_FLANGES = ("flange", "tool0", "ee_link", "link_ee", "tool_link", "end_effector", "end_effector_link")
+_FLANGES = ("tool0", "flange", "ee_link", "link_ee", "tool_link", "end_effector", "end_effector_link")
 """Names of a link that carries the tool, or ends of such names; the first that is there."""
 _GRIPPER = re.compile(r"(^|_|joint)gripper(_?joint)?$|jaw|finger", re.IGNORECASE)
 """Names of a joint that is a gripper's where it is the last: a single jaw is followed by nothing."""

@@ -63,7 +63,8 @@ def moving_mass(payload: float | None, reach: float, heavy: bool) -> float:
 def with_masses(urdf: Urdf, chain: list[Joint], base: str, total: float) -> tuple[Urdf, tuple[str, ...]]:
     """With assumed masses on moving links that have none, and the names of these links.
 
-    Where most links have one, a bare link gets half of what the link before it has; else all are assumed, `total` kg.
+    Where most links have one, a bare link gets half of what the link before it has; else all are assumed, `total` kg
+    for the arm, and as much as its first link for each carriage before it.
     """
     moving = [j for j in chain if j.moves]
     known = np.array([mass_of(urdf, j.child) for j in moving])
@@ -73,8 +74,9 @@ def with_masses(urdf: Urdf, chain: list[Joint], base: str, total: float) -> tupl
     reach = sum(float(np.linalg.norm(j.origin.xyz)) for j in chain[1:]) or 1.0
     everything = 2 * int(bare.sum()) > len(moving)
     if everything:
-        shares = _NEXT ** np.arange(1, len(moving) + 1)
-        masses, bare = total * shares / shares.sum(), np.ones(len(moving), dtype=bool)
+        first = next((k for k, j in enumerate(moving) if j.kind != "prismatic"), 0)  # what carries an arm is none of it
+        shares = _NEXT ** np.maximum(np.arange(len(moving)) - first, 0)
+        masses, bare = total * shares / shares[first:].sum(), np.ones(len(moving), dtype=bool)
     else:
         masses = known.copy()
         for k in np.flatnonzero(bare):

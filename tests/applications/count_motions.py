@@ -10,7 +10,7 @@ _RAPID = {
 }
 _KRL = {"ptp", "lin", "circ", "sptp", "slin", "scirc", "spl", "asyptp"}
 _KRL |= {f"{word}_rel" for word in _KRL}
-_UR = ("movej", "movel", "movep", "movec", "servoj", "servoc", "speedj", "speedl")
+_UR = ("movej", "movel", "movep", "movec", "servoj", "servoc", "speedj", "speedl", "optimovej", "optimovel")
 
 
 def count_motions(ending: str, text: str) -> int:
@@ -29,7 +29,7 @@ def _fanuc(text: str) -> int:
             continue
         rest = rest[1:].strip()
         if len(rest) > 2 and rest[0] in "JLCAS" and rest[1] in " \t":
-            count += rest[1:].strip().startswith(("P[", "PR[", "PAL_"))
+            count += rest[1:].strip().lstrip("@").startswith(("P[", "PR[", "PAL_"))
     return count
 
 

@@ -259,3 +259,18 @@ def test_an_arm_whose_urdf_states_no_mass_works_without_weight(
     (folder / "arm.urdf").write_text(text.replace('<link name="l3">', f'<link name="l3">{BODY}'))
     with pytest.raises(InputError, match="'l1' moves but has no <inertial>"):
         load_robot(folder)
+
+
+def test_an_arm_on_a_rail_weighs_and_gives_what_it_does_on_the_floor(tmp_path: Path) -> None:
+    """The rail's carriage is no link of the arm; the flange is the controller's, tool0, where a maker names both."""
+    tool = joint("t", "l6", "flange", "0.1 0 0", k="fixed", more="") + joint("u", "flange", "tool0", k="fixed", more="")
+    (tmp_path / "rail").mkdir()
+    rail = joint("rail", "floor", "base", "0 0 0", "1 0 0", "prismatic", LIMIT)
+    floor = propose("arm", urdf(tmp_path, *ARM, tool), payload=100.0)
+    sliding = propose("arm", urdf(tmp_path / "rail", rail, *ARM, tool), payload=100.0)
+    for pattern in (r"joint_compliance\[b\]\":\n.*", r"joint_compliance\[f\]\":\n.*"):
+        one, other = (re.search(pattern, p.files["nominal.yaml"]) for p in (floor, sliding))
+        assert one is not None
+        assert other is not None
+        assert one[0] == other[0]
+    assert 'flange: "tool0"' in floor.files["robot.yaml"]

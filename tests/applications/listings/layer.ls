@@ -12,7 +12,7 @@ CONTROL_CODE	= 00000000 00000000;
 /MN
 :SR[30]=52.5;
 :R[34]=0;
-1: L P[1] 240cm/min CNT100 ;
+1: L @P[1] 240cm/min CNT100 ;
 : Weave Sine[5];
 2: L P[2] WELD_SPEED CNT100 PTH ;
 3:	J P[3] 50% CNT60 Tool_Offset,PR[15] 	;
