@@ -419,6 +419,12 @@ def _sds(rows: Array, T: Array) -> Array:
     return np.where(lost, np.inf, sd)
 
 
+def sds_at(observations: Observations, x: Array) -> Array:
+    """sd (p,) of each parameter by the linear problem at x (p,) and what is known, infinite where neither tells it."""
+    rows = np.vstack([observations.noise.whiten(observations.jacobian(x)), np.diag(observations.known[0])])
+    return _sds(rows, np.eye(len(x)))
+
+
 def solution_at(observations: Observations, x: Array, covariance: Array) -> Solution:
     """The solution of a method of its own, which ended at x (p,) with a covariance (p, p) for noise of stated size."""
     noise = observations.noise

@@ -23,6 +23,7 @@ from qsframework.estimation import (
     rank_test,
     rms,
     scales,
+    sds_at,
     settle,
     shared_error,
 )
@@ -208,9 +209,10 @@ def _one_step(experiment: Experiment, rows: ReadingRows, names: Sequence[str], o
     observations = replace(observations, prior_sd=None, prior=None) if options.free else observations
     one_pose = _check_enough(rows, observations, seen, options)
     notes = ("Only one pose was measured: nothing says whether this fit holds at another one.",) if one_pose else ()
-    solution = settle(observations, options)
-    vague = dict[str, float]()
-    while observations.known[0].any() and (more := _vague(seen, observations, solution)):
+    observations, solution, vague = _begun(seen, observations, options)
+    while observations.known[0].any() and (
+        more := _vague(seen, observations, (solution.unit or 1.0) * solution.free_sd)
+    ):
         vague |= more
         observations = observations.knowing(more)
         solution = settle(observations, options, solution.x)
@@ -247,11 +249,25 @@ def _check_enough(rows: ReadingRows, observations: Observations, seen: Observati
     return check_pose_spread(angles, len(open_) - seen.motions, bool(seen.frames))
 
 
-def _vague(seen: ObservationModel, observations: Observations, solution: Solution) -> dict[str, float]:
-    """The springs that the readings tell worse than their own size, with the sd that they take: the stated one, else
-    their natural size."""
+def _begun(
+    seen: ObservationModel, observations: Observations, options: FitOptions
+) -> tuple[Observations, Solution, dict[str, float]]:
+    """The first solution. Where it does not settle, that with what is known of the springs that readings hardly tell:
+    these and their sds."""
+    try:
+        return observations, settle(observations, options), {}
+    except NotConverged:
+        vague = {} if options.free else _vague(seen, observations, sds_at(observations, seen.start))
+        if not vague:
+            raise
+    observations = observations.knowing(vague)
+    return observations, settle(observations, options), vague
+
+
+def _vague(seen: ObservationModel, observations: Observations, sds: Array) -> dict[str, float]:
+    """The springs whose sds (p,) by the readings exceed their size, with the sd they take: stated, else that size."""
     springs, open_ = springs_of(seen.model), observations.known[0] == 0.0
-    far = (solution.unit or 1.0) * solution.free_sd > [p.scale for p in seen.parameters]
+    far = sds > [p.scale for p in seen.parameters]
     return {p.name: p.sd or p.scale for p in compress(seen.parameters, open_ & far) if p.name in springs}
 
 
