@@ -10,9 +10,10 @@ from .observations import Observations as Observations, scales as scales
 from .options import PLAIN as PLAIN, FitOptions as FitOptions
 from .projection import left as left, orthonormal as orthonormal
 from .rank import RankTest as RankTest, rank_test as rank_test
-from .solver import Solution as Solution, settle as settle, solve as solve
+from .solver import Solution as Solution, sds_at as sds_at, settle as settle, solve as solve
 from .statistics import (
     Interval as Interval,
+    moments_held as moments_held,
     profile_interval as profile_interval,
     propagated as propagated,
     rms as rms,

@@ -37,6 +37,25 @@ def propagated(solution: Solution, columns: Array) -> Array:
     return (solution.unit or 1.0) / solution.robust * solution.covariance @ (solution.jacobian.T @ columns)
 
 
+def moments_held(solution: Solution, columns: Array, sds: Array, stated: bool) -> Array:
+    """E[d d'] (k, k) of errors d of what a fit held, known to sds (k,) before the readings, columns (m, k) whitened,
+    in the light of the residuals r that it leaves:
+
+        C + C b b' C,  C = (diag(sds)^-2 + W' (I - H) W / s^2)^-1,  b = W' r / s^2
+
+    s^2: the variance of these residuals; of noise that was stated, not below it.
+    """
+    W = columns / (solution.unit or 1.0) * sds
+    seen = solution.hat.T @ W
+    weighted = solution.weights * solution.residuals
+    free = len(W) - float(np.square(solution.hat).sum())  # E[r'r] = s^2 (m - tr H), what is known counted
+    square = float(weighted @ solution.residuals) / free if free > 1.0 else np.inf
+    square = max(square, float(stated))
+    C = np.linalg.inv(np.eye(len(sds)) + (W.T @ W - seen.T @ seen) / square)
+    mean = C @ (W.T @ weighted) / square
+    return sds[:, None] * (C + np.outer(mean, mean)) * sds
+
+
 @dataclass(frozen=True)
 class Interval(FileRecord):
     """A profile interval, SI: all values of one parameter at which the best fit of the others is not much worse.

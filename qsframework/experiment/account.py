@@ -123,7 +123,11 @@ class Account(FileRecord):
                 f"are in that frame: what turns or shifts the whole arm, or its tool, is absorbed there; {base}."
             )
         else:
-            said = f"Measured: positions, {counted}, in the base frame, as the frame of the instrument was stated."
+            tool = f"the tool was estimated from the same readings ({some_of(self.tool)}); " if self.tool else ""
+            said = (
+                f"Measured: positions, {counted}, in the base frame, as the frame of the instrument was stated, which "
+                f"counts as exact; {tool}errors and uncertainties are of the markers."
+            )
         return said, *self.extension
 
     @property

@@ -165,10 +165,15 @@ class FitRecord(FileRecord):
         return self.whole_covariance + (self.widening - 1.0) * self.noise_covariance
 
     @property
+    def held_moments(self) -> Array:
+        """E[d d'] (h, h) of the errors d of what was held at nominal values, in the light of the residuals."""
+        return np.array([h.moment for h in self.held]).reshape(len(self.held), len(self.held))
+
+    @property
     def held_covariance(self) -> Array:
-        """Covariance (p, p) of the estimates by the sds of what was held at nominal values."""
-        p = len(self.estimates)
-        return sum((h.sd**2 * np.outer(h.moved, h.moved) for h in self.held if h.sd >= 0.0), np.zeros((p, p)))
+        """Covariance (p, p) of the estimates by these errors."""
+        moved = np.array([h.moved for h in self.held]).reshape(len(self.held), len(self.estimates))
+        return np.asarray(moved.T @ self.held_moments @ moved)
 
     @property
     def sd_total(self) -> tuple[float, ...]:

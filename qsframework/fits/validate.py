@@ -18,6 +18,7 @@ from qsframework.experiment.account import Account
 from qsframework.experiment.before import errors_before
 from qsframework.experiment.observations import ReadingRows
 from qsframework.files import as_file
+from qsframework.fits.findings import TOO_LARGE
 from qsframework.fits.fit import Fit
 from qsframework.fits.identify import fit_readings
 from qsframework.fits.options import Halves
@@ -67,7 +68,8 @@ class Validation(Viewed):
 
     account: that of the fit; seen: whether the fit was made of these readings; spread (halves,): RMS of the 3D error of
     each half, m; lines, file (R,): of the readings; poses: their names; places (R, 3): of their markers, m, base frame;
-    notes: what the errors do not say
+    own_error: m, error of the fit at held-out poses of its own, where these are other readings, else NaN; notes: what
+    the errors do not say
     """
 
     robot: str
@@ -80,7 +82,13 @@ class Validation(Viewed):
     lines: Indices
     poses: tuple[str, ...]
     places: Array
+    own_error: float
     notes: tuple[str, ...] = ()
+
+    @property
+    def refuted(self) -> bool:
+        """Whether these readings are missed by far more than the fit's own held-out poses are."""
+        return self.whole.summary()[0] > TOO_LARGE * self.own_error
 
     def as_json(self) -> dict[str, Any]:
         """Lengths in mm."""
@@ -231,4 +239,5 @@ def _validation(
         lines=readings.line[rows.keep],
         poses=rows.pose_names,
         places=rows.places(experiment),
+        own_error=np.nan if halves or seen else fit.held_out_worst,
     )

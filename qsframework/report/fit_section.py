@@ -139,7 +139,7 @@ def _value(e: Estimate, sd: float) -> str:
 
 def _total(fit: Fit) -> str:
     """Which sds hold more than the noise of the readings, and by what; whether a stated load adds anything."""
-    parts = {h.name: (h.sd * h.moved) ** 2 for h in fit.held if h.sd >= 0.0}
+    parts = {h.name: h.moment[i] * h.moved**2 for i, h in enumerate(fit.held) if h.sd >= 0.0}
     if fit.total_covariance is not None:
         parts |= {"the load": np.diag(fit.total_covariance - fit.covariance)}
     more = [e for e in fit.estimates if e.sd > 0.0 and sd_of(fit, e) > _SAME * e.sd]

@@ -24,6 +24,7 @@ from qsframework.fits.record import COVERAGE
 from qsframework.fits.soundness import check_fit, own_readings
 from qsframework.fits.validate import Validation, fitted_frames
 from qsframework.plugin import Array
+from qsframework.uses.levels import moving
 
 HALVES = 10
 _COMPLIANCES = ("rad/(N m)", "m/N")
@@ -165,8 +166,8 @@ def certify(
     while causes are named that the fit does not have.
 
     Raises InputError where the fit is not one that may be certified: not to be trusted (`soundness.check_fit`; a
-    certificate knows no exception), no better than the values before at the readings held out, or
-    where the diagnosis names what the fit does not have, unless `anyway`.
+    certificate knows no exception), no better than the values before at the readings held out, or, unless `anyway`,
+    where other readings refute it or the diagnosis names what it does not have.
     """
     notes = check_fit(fit, experiment.robot, experiment, readings, anyway=None)
     notes += () if readings.made is None else ("the readings are simulated: no arm was measured",)
@@ -187,6 +188,11 @@ def certify(
             f"{fit.path}: no certificate: the error at readings held out, {1e3 * after:.3f} mm, is not below that of "
             f"the values before, {1e3 * before:.3f} mm. Diagnose the readings first: `qsf diagnose {experiment.path}`"
         )
+    if found.refuted:
+        own = f"held-out poses of the fit's own by {1e3 * found.own_error:.3f} mm"
+        said = f"these readings are missed by {1e3 * after:.3f} mm, {own}"
+        hint = f"Identify these readings, and compare that fit with {fit.path}: it says what moved."
+        notes += _although(said, hint, readings.where, anyway)
     rows = make_rows(readings)
     budget = _budget(experiment, fit, meta, rows, found)
     counted = {*fit.names, *(h.name for h in fit.held if h.sd >= 0.0)}
@@ -210,6 +216,13 @@ def certify(
     )
 
 
+def _although(said: str, hint: str, where: str, anyway: bool) -> tuple[str, ...]:
+    """The note that it is certified all the same. InputError unless `anyway`."""
+    if not anyway:
+        raise InputError(Problem(f"no certificate: {said}", where, hint=hint, argument=("anyway", "")))
+    return (f"certified although {said}",)
+
+
 def _looked(experiment: Experiment, fit: FitRecord, readings: Readings) -> Diagnosis | str:
     """A diagnosis of the fit's own readings, of those at hand where these are not there; or why there is none."""
     own, _ = own_readings(fit, experiment, readings)
@@ -225,10 +238,8 @@ def _causes(experiment: Experiment, found: Diagnosis, anyway: bool) -> tuple[str
     `anyway`."""
     if found.account.causes:
         said = f"the readings name what the fit does not have, {some_of(found.account.causes)}"
-        if anyway:
-            return (f"certified although {said}",)
         hint = f"Let `qsf diagnose {experiment.path}` write the extended robot, then identify and certify that."
-        raise InputError(Problem(f"no certificate: {said}", found.readings.where, hint=hint, argument=("anyway", "")))
+        return _although(said, hint, found.readings.where, anyway)
     notes = [f"the readings hint at {f.name}, which the model does not have" for f in found.findings]
     if found.learned is not None and found.learned.holds:
         before, after = (f"{1e3 * found.rms.in_space(e):.3f} mm" for e in (found.learned.before, found.learned.heldout))
@@ -262,13 +273,14 @@ def _budget(
     frames included, of what it held at nominal values, and what the held-out error has beyond all of them."""
     model = experiment.model()
     x, names = fit.x_of(model), fit.model_names(experiment)
-    held = [h for h in fit.held if np.isfinite(h.sd)]
+    held = fit.held
     _, J = rows.rates(model, x, fitted_frames(fit, rows, model, x), [*names, *(h.name for h in held)], fit.linear)
     J = np.where(rows.mask[..., None], J, 0.0)
     slope = np.zeros((*J.shape[:2], len(fit.names)))
     frames = [Frame(rows.readings.frames[f], np.eye(3), np.zeros(3)) for f in rows.estimated]
+    work = moving(experiment, fit)
     for k, name in enumerate([*(p.name for frame in frames for p in frame.parameters()), *names]):
-        if name in fit.names:
+        if name in work:
             slope[..., fit.names.index(name)] = J[..., k]
 
     def standard(C: Array) -> float:
@@ -276,9 +288,10 @@ def _budget(
 
     shares = [Share("parameters", standard(fit.covariance))]
     if held:
-        wrong = slope @ np.stack([h.moved for h in held], axis=1) - J[..., J.shape[-1] - len(held) :]
-        each = (wrong * [h.sd for h in held]) ** 2
-        shares.append(Share("held", float(np.sqrt(each.sum(axis=(1, 2)).mean()))))
+        acts = [name != "" for name in work[len(fit.names) :]]
+        wrong = slope @ np.stack([h.moved for h in held], axis=1) - J[..., J.shape[-1] - len(held) :] * acts
+        by_held = np.einsum("rah,hk,rak->r", wrong, fit.held_moments, wrong)
+        shares.append(Share("held", float(np.sqrt(by_held.mean()))))
     if fit.total_covariance is not None:
         shares.append(Share("load", standard(fit.total_covariance - fit.covariance)))
     if rows.readings.repeatability:

@@ -26,7 +26,7 @@ from qsframework.fits import FitRecord
 from qsframework.fits.soundness import check_fit
 from qsframework.option import check_choice
 from qsframework.plans.programme import overloads
-from qsframework.plugin import Array, Indices, Load, Poses
+from qsframework.plugin import Array, Indices, Poses, Sensor
 from qsframework.plugin.facts import frozen
 from qsframework.units import JointUnits
 from qsframework.uses.inverse import (
@@ -38,7 +38,7 @@ from qsframework.uses.inverse import (
     rigid_jacobian,
     rigid_tip,
 )
-from qsframework.uses.levels import LEVELS, Levels, levels_of, tip_slope
+from qsframework.uses.levels import LEVELS, Levels, levels_of, moving, own_load, tip_slope
 from qsframework.uses.options import Reference
 from qsframework.uses.targets import Targets
 from qsframework.viewed import Viewed
@@ -55,6 +55,8 @@ _AROUND = 0.1
 beyond the workspace. A few dozen poses leave about so much of a workspace beyond the outermost ones."""
 _SEEN = 1e-6
 """m by which a natural size of what was held must move the tip to be worth a word."""
+_KILOGRAMS = 0.11
+"""Of the force of the readings: kilograms written for newtons are a little less, kilonewtons far less."""
 _NOTHING = 1e-12
 """m or rad that the tip of a rigid model moves by rounding."""
 Tell = Callable[[str, int, int], None]
@@ -209,7 +211,7 @@ def compensate(
     _check_torques(experiment, model, x, targets)
     _check_gives(experiment, x, targets)
     framed = _series(fit) is not None and reference == "commanded"
-    names = [*fit.names, *(h.name for h in fit.held)]
+    names = moving(experiment, fit)
     levels = levels_of(experiment, fit.account, names, x, targets.wrench) if framed else None
     parts: list[tuple[Array, ...]] = []
     for start in range(0, len(targets), _BLOCK):
@@ -286,6 +288,11 @@ def _beyond_notes(account: Account, targets: Targets, experiment: Experiment) ->
         if far.any():
             unit = "N" if what == "force" else "N m"
             yield f"beyond the {what} of the readings, {most:.4g} {unit}: {size.max():.4g} {unit} at {named(far)}"
+    force = np.linalg.norm(targets.wrench[:, :3], axis=1)
+    small = (force > 0.0) & (force < _KILOGRAMS * account.force)
+    if small.any():
+        most = f"{force[small].max():.4g} N at most, where the readings had {account.force:.4g} N"
+        yield f"small forces, {most}, at {named(small)}: they count as newtons"
     low, high = np.array(account.angles).reshape(-1, 2).T
     outside = (targets.pendant < low) | (targets.pendant > high)
     columns = zip(experiment.robot.facts.driven, outside.T, strict=True)
@@ -326,11 +333,9 @@ def _scope(fit: FitRecord, sds: dict[str, Array], absorbed: Sequence[str]) -> tu
 def arm_values(experiment: Experiment, fit: FitRecord) -> Array:
     """The fit's values (p,), with the errors of the campaign's own load left out: the work brings another load."""
     x, model = fit.x_of(experiment.model()), experiment.model()
-    own = {e.name for e in experiment.effects if isinstance(e, Load)}
-    for effect, part in zip(model.effects, model.slices, strict=True):
-        if effect.name in own:
-            nulls = [p.null for p in model.parameters[part]]
-            x[part] = [v if n is None else n for v, n in zip(x[part], nulls, strict=True)]
+    for i in model.index(own_load(experiment)):
+        null = model.parameters[i].null
+        x[i] = x[i] if null is None else null
     return x
 
 
@@ -344,10 +349,17 @@ def fit_notes(experiment: Experiment, fit: FitRecord, exact: Sequence[str]) -> t
         notes.append(f"treated as exact, for the fit quotes no sd: {', '.join(known)}")
     if exact:
         notes.append(f"treated as exact at their nominal values (no uncertainty stated): {some_of(exact)}")
-    if experiment.has_load and fit.total_covariance is None:
+    if own := [name for name in own_load(experiment) if name in fit.names]:
+        notes.append(
+            f"the targets' loads count as they stand: {some_of(own)} is of the campaign's load; what tilts or scales "
+            "the work's load too belongs in their forces"
+        )
+    elif experiment.has_load and fit.total_covariance is None:
         notes.append(
             "the fit states no uncertainty of its load (load_uncertainty in experiment.yaml): counted as exact"
         )
+    if needed := [e.name for e in experiment.model().effects if e.needs and not isinstance(e, Sensor)]:
+        notes.append(f"the targets count at 20 degC, reached from the positive side ({some_of(needed)})")
     if fit.widening > 1.0:
         ratio = f"{np.sqrt(fit.widening):.1f}"
         notes.append(
@@ -388,7 +400,7 @@ def _block(
         if np.abs(pendant - start).max() > 2 * _LARGEST_CORRECTION:
             break  # told by `_check_corrected`
         error = -pose_error(wanted, stand(pendant, x))
-    names = [*fit.names, *(h.name for h in fit.held)]
+    names = moving(experiment, fit)
     slope = tip_slope(model, names, x, lambda v: stand(pendant, v))
     measured = 0 if reference == "unloaded" else len(names) if fit.account.positions else len(fit.names)
     slope[..., measured:] -= tip_slope(model, names[measured:], x, lambda v: stand(start, v, False))
@@ -407,9 +419,8 @@ def _spread(model: Model, fit: FitRecord, slope: Array) -> tuple[Array, Array, A
     wrong = slope @ moved.T - held
     sds = np.array([h.sd for h in fit.held])
     sizes = np.array([model.parameters[model.names.index(h.name)].scale for h in fit.held])
-    known = wrong * np.nan_to_num(sds)
     open_ = np.linalg.norm(wrong[:, :3], axis=1) * np.where(np.isnan(sds), sizes, 0.0)
-    return whole + known @ known.transpose(0, 2, 1), noise, open_
+    return whole + wrong @ fit.held_moments @ wrong.transpose(0, 2, 1), noise, open_
 
 
 def _series(fit: FitRecord) -> Frame | None:

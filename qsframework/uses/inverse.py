@@ -65,8 +65,10 @@ class InverseSolution:
 
 
 def poses_at(robot: Robot, pendant: Array, wrench: Array) -> Poses:
-    """Poses at N pendant values (N, n) under wrenches (N, 6), of the arm as its last readings found it."""
-    last = Conditions(order=np.ones(len(pendant)))
+    """Poses at N pendant values (N, n) under wrenches (N, 6), of the arm as its last readings found it, at 20 degC, the
+    reference of ISO 1, and reached from the positive side."""
+    one = np.ones(len(pendant))
+    last = Conditions(order=one, temperature=293.15 * one, approach=one)
     return Poses(pendant, robot.controller.to_joints(pendant), wrench, last, last)
 
 

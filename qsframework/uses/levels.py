@@ -16,8 +16,9 @@ import numpy as np
 from qsframework.elastostatics import Model, equilibrium
 from qsframework.experiment import Experiment
 from qsframework.experiment.account import Account
+from qsframework.fits import FitRecord
 from qsframework.information.absorbed import FRAME, TOOL, Absorbed, absorbed, tip_motions
-from qsframework.plugin import Array
+from qsframework.plugin import Array, Load
 from qsframework.uses.inverse import TipPose, pose_error, poses_at, rigid_tip
 
 _POSES = 32
@@ -58,6 +59,19 @@ def levels_of(experiment: Experiment, account: Account, names: Sequence[str], x:
     slope = np.concatenate([tip_slope(model, names, x, stand)[:, :3], off[:, :, None]], axis=2)
     moved = tip_motions(tip.position, tip.rotation)[:, :3]
     return Levels(absorbed(slope, moved, FRAME), absorbed(slope, moved, FRAME + TOOL))
+
+
+def own_load(experiment: Experiment) -> list[str]:
+    """Names of the errors of the campaign's own load, which the work does not bring."""
+    model, own = experiment.model(), {e.name for e in experiment.effects if isinstance(e, Load)}
+    parts = zip(model.effects, model.slices, strict=True)
+    return [name for effect, part in parts if effect.name in own for name in model.names[part]]
+
+
+def moving(experiment: Experiment, fit: FitRecord) -> list[str]:
+    """Names of what was estimated and held, "" of what moves no tip of the work."""
+    names, still = (*fit.names, *(h.name for h in fit.held)), own_load(experiment)
+    return ["" if name in still else name for name in names]
 
 
 def tip_slope(model: Model, names: Sequence[str], x: Array, stand: Callable[[Array], TipPose]) -> Array:

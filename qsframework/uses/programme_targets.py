@@ -320,7 +320,8 @@ def _outside(case: _Case, point: ProgrammePoint) -> Iterator[Problem]:
     here, controller = (str(point.path), point.line), case.experiment.robot.controller
     if point.cartesian:
         hint = f"As the controller shows it: {case.convention.stated}."
-        why = {"": "(the point names no number)", AMBIGUOUS: "(it is not the same on every way there)"}
+        differs = "(it is not the same on every way there; where motions differ in it, each needs a point of its own)"
+        why = {"": "(the point names no number)", AMBIGUOUS: differs}
         for (what, stated), name in zip(case.stated(point).items(), (point.tool, point.frame), strict=True):
             if stated is None:
                 message = f"{point.name} is a pose, and nobody states {what} {why.get(name, name)}"

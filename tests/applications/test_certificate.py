@@ -15,11 +15,21 @@ from qsframework.cli.app import app
 from qsframework.diagnoses import Diagnosis
 from qsframework.errors import InputError
 from qsframework.estimation import FitOptions
-from qsframework.experiment import Experiment, Readings, example, load_experiment, make_plan, read_readings, simulate
-from qsframework.fits import FitRecord, identify, read_fit, write_fit
+from qsframework.experiment import (
+    Experiment,
+    Readings,
+    example,
+    load_experiment,
+    make_plan,
+    make_rows,
+    read_readings,
+    simulate,
+)
+from qsframework.fits import FitRecord, identify, read_fit, validate, write_fit
 from qsframework.plugin import Array, Poses
 from qsframework.report.certificate_page import arrivals, pair, write_certificate
 from qsframework.report.words.certificate import conformity_words
+from qsframework.report.words.validation import validation_verdict
 from qsframework.uses.certificate import MetaSpec, certify, read_meta
 from tests.identify.records import with_values
 
@@ -80,8 +90,6 @@ def noise(seed: int) -> Array:
 
 
 def fit_truth(experiment: Experiment, readings: Readings) -> Array:
-    from qsframework.experiment import make_rows
-
     return make_rows(readings).predict(experiment.model(), truth_of(experiment))
 
 
@@ -163,6 +171,25 @@ def test_a_fit_that_is_wrong_gets_no_certificate(m900ib: Experiment, fitted: Fit
     stiff = with_values(fitted, {n: 3.0 * fitted.model_values[n] for n in fitted.names})
     with pytest.raises(InputError, match="is not below that of the values before"):
         certify(m900ib, stiff, other, MetaSpec())
+
+
+def test_other_readings_that_refute_the_fit_are_no_ground_for_a_certificate(
+    m900ib: Experiment, fitted: FitRecord
+) -> None:
+    """A joint of the arm has come loose since: better than nominal values would be, and far worse than said."""
+    other = readings_of(m900ib, 7)
+    loose = truth_of(m900ib)
+    loose[m900ib.model().index(["joint_compliance[joint_5]"])] *= 1.5
+    again = other.with_values(make_rows(other).predict(m900ib.model(), loose) + noise(3))
+    found = validate(m900ib, again, fitted)
+    assert found.whole.summary()[0] < found.whole.summary(True)[0]
+    assert validation_verdict(found).word.startswith("Refuted: ")
+    with pytest.raises(InputError, match=r"these readings are missed by .* held-out poses of the fit's own by 0\.05"):
+        certify(m900ib, fitted, again, MetaSpec())
+    assert "certified although these readings are missed" in " ".join(
+        certify(m900ib, fitted, again, MetaSpec(), anyway=True).notes
+    )
+    assert not validate(m900ib, other, fitted).refuted
 
 
 def test_readings_of_the_fit_are_halved(m900ib: Experiment, tmp_path: Path) -> None:

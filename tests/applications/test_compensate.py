@@ -26,7 +26,7 @@ from qsframework.experiment import (
     simulate,
 )
 from qsframework.fits import FitRecord, identify, read_fit, write_fit
-from qsframework.plugin import Array, Poses
+from qsframework.plugin import Array, Poses, build_effects
 from qsframework.report.blocks import Figure, SceneView
 from qsframework.report.compensation_section import target_view
 from qsframework.uses.compensate import Compensation, compensate, tip_slope
@@ -208,6 +208,37 @@ def test_the_uncertainty_of_the_load_counts(m900ib: Experiment, tmp_path: Path) 
     noise_and_lack = np.hypot(results[-1].noise_sd, again.lack)
     np.testing.assert_allclose(compensate(stated, plain, work).sd, noise_and_lack, rtol=1e-9)
     assert "states no uncertainty of its load" in " ".join(compensate(stated, plain, work).notes)
+
+
+def test_a_scale_of_the_load_that_is_fitted_counts_as_a_stated_one(m900ib: Experiment, tmp_path: Path) -> None:
+    """The readings tell no scale of a load from softer springs: what is known of it before is the error at the work."""
+    every = ("joint_compliance",)
+    stated = m900ib.with_(fit=every, load_uncertainty=LoadUncertainty(0.05, 0.0))
+    (scale,) = build_effects({"effect": "load_scale"}, m900ib.robot.facts)
+    (own,) = scale.parameters(m900ib.robot.facts)
+    fitted = m900ib.with_(
+        effects=(*m900ib.effects, scale),
+        parameters=(*m900ib.parameters, replace(own, sd=0.05)),
+        fit=(*every, scale.name),
+    )
+    plan = make_plan(posed(stated, angles(12, 1), MEASURED), ["pull"] * 12)
+    work = joint_targets(stated, angles(2, 5), np.tile(WORK, (2, 1)))
+    told = [compensate(arm, stored(arm, simulate(arm, plan).readings, tmp_path), work) for arm in (stated, fitted)]
+    np.testing.assert_allclose(told[1].sd, told[0].sd, rtol=0.05)
+    assert np.all(told[1].sd > 3.0 * told[0].noise_sd)
+    assert "load_scale is of the campaign's load" in " ".join(told[1].notes)
+
+
+def test_an_arm_that_warms_up_is_corrected_at_the_reference_temperature(m900ib: Experiment) -> None:
+    (warm,) = build_effects({"effect": "thermal_expansion"}, m900ib.robot.facts)
+    arm = m900ib.with_(
+        effects=(*m900ib.effects, warm), parameters=(*m900ib.parameters, *warm.parameters(m900ib.robot.facts))
+    )
+    work = [joint_targets(e, angles(2, 5), np.tile(WORK, (2, 1))) for e in (m900ib, arm)]
+    plain, grown = compensate(m900ib, exact_fit(m900ib), work[0]), compensate(arm, exact_fit(arm), work[1])
+    np.testing.assert_allclose(grown.pendant, plain.pendant, atol=1e-12)
+    assert "count at 20 degC" in " ".join(grown.notes)
+    assert "20 degC" not in " ".join(plain.notes)
 
 
 def test_unloaded_reference(m900ib: Experiment, targets: Targets) -> None:

@@ -18,7 +18,9 @@ from qsframework.estimation import (
     Observations,
     grouped,
     left,
+    moments_held,
     orthonormal,
+    propagated,
     settle,
     shared_error,
     solve,
@@ -89,6 +91,26 @@ def test_sds_of_robust_estimates(loss: str, stated: bool) -> None:
         fit = settle(observed(A, y, one, stated), FitOptions(loss=loss, starts=0))
         z.append(np.linalg.solve(np.linalg.cholesky(fit.covariance), fit.x) / (fit.unit or 1.0))
     check_sds(np.concatenate(z)[:, None], np.ones(1), allowed=0.1)
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_moments_of_what_a_fit_holds(stated: bool) -> None:
+    """The squared errors of the estimates are as large as said, also in those draws alone whose residuals are small; by
+    what was known before alone they are much smaller there."""
+    rng, sds = np.random.default_rng(8), np.array([3.0, 0.5])
+    A, W = rng.normal(size=(40, 3)), rng.normal(size=(40, 2)) @ [[1.0, 1.0], [0.0, 0.2]]
+    ratio, before, shown = list[Array](), list[Array](), list[float]()
+    for _ in range(800):
+        held = sds * rng.normal(size=2)
+        fit = settle(observed(A, W @ held + rng.normal(size=40), np.ones(40), stated), FitOptions(starts=0))
+        moved, noise = propagated(fit, W), np.diag(fit.covariance)
+        ratio.append(fit.x**2 / (noise + np.diag(moved @ moments_held(fit, W, sds, stated) @ moved.T)))
+        before.append(fit.x**2 / (noise + np.diag(moved * sds**2 @ moved.T)))
+        shown.append(float(fit.residuals @ fit.residuals))
+    least = np.argsort(shown)[:400]
+    for some in (slice(None), least):
+        assert np.mean(np.array(ratio)[some]) == pytest.approx(1.0, abs=0.15)
+    assert np.mean(np.array(before)[least]) < 0.6
 
 
 @pytest.mark.parametrize("stated", [True, False])

@@ -39,6 +39,8 @@ def validation_verdict(found: Validation) -> Verdict:
     mark, word = Mark.GOOD, "Validated on held-out data"
     if found.seen:
         mark, word = Mark.LOOK, "Not a validation: these readings were used in the fit"
+    if found.refuted:
+        mark, word = Mark.BAD, f"Refuted: held-out poses of the fit's own are missed by {mm(found.own_error)} mm"
     if not after < nominal:
         mark, word = Mark.BAD, "No better than the nominal model"
     return Verdict(
