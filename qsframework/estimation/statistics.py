@@ -50,7 +50,8 @@ def moments_held(solution: Solution, columns: Array, sds: Array, stated: bool) -
     weighted = solution.weights * solution.residuals
     free = len(W) - float(np.square(solution.hat).sum())  # E[r'r] = s^2 (m - tr H), what is known counted
     square = float(weighted @ solution.residuals) / free if free > 1.0 else np.inf
-    square = max(square, float(stated))
+    rounded = np.finfo(float).eps * float(np.square(W).sum())  # of readings that are exactly the nominal arm's
+    square = max(square, float(stated), rounded, np.finfo(float).tiny)
     C = np.linalg.inv(np.eye(len(sds)) + (W.T @ W - seen.T @ seen) / square)
     mean = C @ (W.T @ weighted) / square
     return sds[:, None] * (C + np.outer(mean, mean)) * sds

@@ -260,7 +260,7 @@ class _Expansion:
                 return arguments[words[1]]
             message, argument = f"argument {words[1]!r} has no default; give it a value", ("arg", f"{words[1]}=VALUE")
             raise InputError(Problem(message, file=self._current(), argument=argument))
-        if words[:1] in (["cwd"], ["dirname"]):
+        if text == "$(cwd)" or words[:1] == ["dirname"]:
             return str((self._here.parent if words[0] == "dirname" else self.folder).resolve())
         raise NotAllowed(f"{text} is not allowed; a robot file may use $(arg NAME) and $(find FOLDER)")
 
