@@ -170,10 +170,14 @@ class FitRecord(FileRecord):
         return np.array([h.moment for h in self.held]).reshape(len(self.held), len(self.held))
 
     @property
+    def held_moved(self) -> Array:
+        """By how much each estimate is wrong (p, h) for one unit by which what was held is."""
+        return np.array([h.moved for h in self.held]).reshape(len(self.held), len(self.estimates)).T
+
+    @property
     def held_covariance(self) -> Array:
         """Covariance (p, p) of the estimates by these errors."""
-        moved = np.array([h.moved for h in self.held]).reshape(len(self.held), len(self.estimates))
-        return np.asarray(moved.T @ self.held_moments @ moved)
+        return np.asarray(self.held_moved @ self.held_moments @ self.held_moved.T)
 
     @property
     def sd_total(self) -> tuple[float, ...]:

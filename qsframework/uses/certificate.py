@@ -273,8 +273,7 @@ def _budget(
     frames included, of what it held at nominal values, and what the held-out error has beyond all of them."""
     model = experiment.model()
     x, names = fit.x_of(model), fit.model_names(experiment)
-    held = fit.held
-    _, J = rows.rates(model, x, fitted_frames(fit, rows, model, x), [*names, *(h.name for h in held)], fit.linear)
+    _, J = rows.rates(model, x, fitted_frames(fit, rows, model, x), [*names, *(h.name for h in fit.held)], fit.linear)
     J = np.where(rows.mask[..., None], J, 0.0)
     slope = np.zeros((*J.shape[:2], len(fit.names)))
     frames = [Frame(rows.readings.frames[f], np.eye(3), np.zeros(3)) for f in rows.estimated]
@@ -287,9 +286,9 @@ def _budget(
         return float(np.sqrt(max(float(np.einsum("rap,pq,raq->r", slope, np.nan_to_num(C), slope).mean()), 0.0)))
 
     shares = [Share("parameters", standard(fit.covariance))]
-    if held:
+    if fit.held_moments.any():
         acts = [name != "" for name in work[len(fit.names) :]]
-        wrong = slope @ np.stack([h.moved for h in held], axis=1) - J[..., J.shape[-1] - len(held) :] * acts
+        wrong = slope @ fit.held_moved - J[..., J.shape[-1] - len(fit.held) :] * acts
         by_held = np.einsum("rah,hk,rak->r", wrong, fit.held_moments, wrong)
         shares.append(Share("held", float(np.sqrt(by_held.mean()))))
     if fit.total_covariance is not None:

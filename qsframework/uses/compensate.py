@@ -415,8 +415,7 @@ def _spread(model: Model, fit: FitRecord, slope: Array) -> tuple[Array, Array, A
     readings' noise alone; and how far (N, h) m a natural size moves the tip of what nobody states an sd of."""
     slope, held = slope[..., : len(fit.names)], slope[..., len(fit.names) :]
     whole, noise = (slope @ C @ slope.transpose(0, 2, 1) for C in (fit.widened, fit.widening * fit.noise_covariance))
-    moved = np.array([h.moved for h in fit.held]).reshape(len(fit.held), len(fit.names))
-    wrong = slope @ moved.T - held
+    wrong = slope @ fit.held_moved - held
     sds = np.array([h.sd for h in fit.held])
     sizes = np.array([model.parameters[model.names.index(h.name)].scale for h in fit.held])
     open_ = np.linalg.norm(wrong[:, :3], axis=1) * np.where(np.isnan(sds), sizes, 0.0)
